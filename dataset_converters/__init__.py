@@ -1,0 +1,1 @@
+"""Original data sets and simulators to LeRobotDataset v3.0."""

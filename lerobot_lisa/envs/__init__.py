@@ -1,0 +1,1 @@
+"""Simulated worlds as LeRobot environments."""

@@ -1,0 +1,1 @@
+"""Everything about time: whole episodes in training, what has been seen so far in rollouts."""

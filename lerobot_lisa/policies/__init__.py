@@ -1,0 +1,1 @@
+"""LeRobot policies: configuration, modeling and processor of each, over shared parts."""

@@ -1,0 +1,1 @@
+"""Lang-DT: the flat language-conditioned Decision Transformer, LISA's baseline."""

@@ -1,0 +1,1 @@
+"""LISA: language and observations to a skill code every horizon, skill code and observations to actions."""
