@@ -1,1 +1,5 @@
-"""BabyAI: levels, partial view and gymnasium environment; minigrid is imported only where it is used."""
+"""BabyAI as a LeRobot environment; importing this registers its options only, minigrid waits for the first use."""
+
+from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
+
+__all__ = ["BabyAIEnvConfig"]
