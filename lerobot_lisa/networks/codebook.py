@@ -1,0 +1,93 @@
+"""The vector quantiser that turns the skill predictor's output into one of K skill codes, and its statistics."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from vector_quantize_pytorch import VectorQuantize
+
+
+class Quantized(NamedTuple):
+    """Skill codes of N embeddings.
+
+    Attributes:
+        embeddings: (N, D), what the policy is conditioned on; gradients pass straight through to the input.
+        codes: (N,) indices into the codebook.
+        commitment: Scalar, mean squared distance between inputs and their codes, times the commitment weight.
+        distances: (N, K) squared distances between projected inputs and codes, without gradient.
+    """
+
+    embeddings: Tensor
+    codes: Tensor
+    commitment: Tensor
+    distances: Tensor
+
+
+class Codebook(nn.Module):
+    """K codes of `code_width` numbers, learned as moving averages of the embeddings they stand for.
+
+    Paper, section 3.2: nearest code, exponential moving average (van den Oord et al., 2017), straight-through gradient.
+    Initialised by k-means on the first batch, because codes drawn at random collapse to one within steps. A code that
+    stands for fewer than `dead_code_threshold` embeddings of a batch, in the moving average, is put onto a random one.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        size: int,
+        code_width: int,
+        decay: float,
+        commitment_weight: float,
+        dead_code_threshold: float,
+    ) -> None:
+        super().__init__()
+        self.size = size
+        self.quantizer = VectorQuantize(
+            dim=width,
+            codebook_size=size,
+            codebook_dim=code_width,
+            decay=decay,
+            commitment_weight=commitment_weight,
+            kmeans_init=True,
+            threshold_ema_dead_code=dead_code_threshold,
+            layernorm_after_project_in=True,
+            rotation_trick=False,  # the paper's gradient is straight-through; this costs seven times as much
+        )
+
+    def forward(self, embeddings: Tensor) -> Quantized:
+        """Quantise real embeddings (N, D), padding left out. In training mode this also moves the codebook."""
+        quantized, codes, commitment = self.quantizer(embeddings[None])
+        distances = self._distances(embeddings)
+        return Quantized(quantized[0], codes[0], commitment.sum(), distances)
+
+    @torch.no_grad()
+    def embed(self, codes: Tensor) -> Tensor:
+        """Embeddings (N, D) of codes (N,): what the policy gets when a person chooses the code."""
+        return self.quantizer.get_output_from_indices(codes)
+
+    @torch.no_grad()
+    def _distances(self, embeddings: Tensor) -> Tensor:
+        projected = self.quantizer.project_in(embeddings).float()
+        return torch.cdist(projected, self.quantizer.codebook.float()).square()
+
+
+def mutual_information(distances: Tensor) -> Tensor:
+    """Mutual information in bits between instructions and skill codes, as the paper's listing defines it.
+
+    p(z | l) = softmax(-distance / 2); the result is H(mean p) - mean H(p).
+
+    Args:
+        distances: Squared distances (N, K) of N embeddings to K codes.
+    """
+    conditional = torch.softmax(-distances / 2, dim=-1)
+    return _entropy(conditional.mean(0)) - _entropy(conditional).mean()
+
+
+def perplexity(codes: Tensor, size: int) -> Tensor:
+    """How many codes are in effective use: 2 to the entropy of their frequencies, between 1 and `size`."""
+    return 2 ** _entropy(torch.bincount(codes, minlength=size) / max(1, len(codes)))
+
+
+def _entropy(probabilities: Tensor) -> Tensor:
+    """In bits, over the last dimension; 0 log 0 is 0, which `xlogy` knows."""
+    return -torch.special.xlogy(probabilities, probabilities).sum(-1) / torch.log(torch.tensor(2.0))

@@ -1,0 +1,48 @@
+"""What a policy's network can do, whatever is inside: predict over whole episodes, and act step by step."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor, nn
+
+from lerobot_lisa.networks.actions import ActionHead
+
+
+@dataclass
+class History:
+    """A rollout so far, for B environments that were reset together.
+
+    Attributes:
+        step: Steps since reset.
+        actions: (B, A) previous actions; set by whoever picks them.
+    """
+
+    step: int = 0
+    actions: Tensor | None = None
+
+
+class EpisodeNetwork(nn.Module, ABC):
+    """Base of `Lisa` and `LangDT`."""
+
+    @property
+    @abstractmethod
+    def head(self) -> ActionHead:
+        """What turns predictions into losses and actions."""
+
+    @abstractmethod
+    def begin(self, tokens: Tensor, tokens_valid: Tensor) -> Any:
+        """Start a rollout with instructions (B, M), padding at the end; returns its `History`."""
+
+    @abstractmethod
+    def act(self, history: Any, observations: Mapping[str, Tensor]) -> Tensor:
+        """Take one more step.
+
+        Args:
+            history: From `begin`; extended in place, except for `actions`.
+            observations: This step's features, each (B, *shape).
+
+        Returns:
+            Predictions (B, ...).
+        """

@@ -1,0 +1,105 @@
+"""LISA: skill predictor, codebook and policy, end to end over whole episodes and step by step in rollouts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor, nn
+
+from lerobot_lisa.networks.action_predictor import ActionPredictor
+from lerobot_lisa.networks.actions import ActionHead
+from lerobot_lisa.networks.codebook import Codebook, Quantized
+from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
+from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.skill_predictor import SkillPredictor
+from lerobot_lisa.networks.transformer import Memory
+
+
+@dataclass(kw_only=True)
+class LisaHistory(History):
+    """LISA's rollout so far.
+
+    Attributes:
+        predictor: What the skill predictor remembers: the instruction and the observations up to the last question.
+        unseen: Observations since the last question, which the skill predictor has not been shown yet.
+        policy: What the policy remembers of the current chunk.
+        codes: (B,) skill codes of the current chunk.
+    """
+
+    predictor: Memory
+    unseen: list[Mapping[str, Tensor]] = field(default_factory=list)
+    policy: Memory | None = None
+    codes: Tensor | None = None
+
+
+class Lisa(EpisodeNetwork):
+    """Language and observations choose a skill code every H steps; code and observations of the chunk choose actions."""
+
+    def __init__(
+        self,
+        language: LanguageEncoder,
+        predictor: SkillPredictor,
+        codebook: Codebook,
+        skill_embedding: nn.Linear,
+        policy: ActionPredictor,
+        horizon: int,
+    ) -> None:
+        super().__init__()
+        self.language, self.predictor, self.codebook = language, predictor, codebook
+        self.skill_embedding, self.policy, self.horizon = skill_embedding, policy, horizon
+
+    def forward(
+        self,
+        tokens: Tensor,
+        tokens_valid: Tensor,
+        observations: Mapping[str, Tensor],
+        actions: Tensor,
+        packing: Packing,
+    ) -> tuple[Tensor, Quantized]:
+        """Predict every action of B whole episodes.
+
+        Args:
+            tokens: Instruction tokens (B, M).
+            tokens_valid: (B, M), False for padding, which is at the end.
+            observations: Features of all N frames, each (N, *shape).
+            actions: (N, A).
+            packing: Where each episode lies in the N frames.
+
+        Returns:
+            Predictions for all N frames, and the skill codes of all chunks, in order.
+        """
+        language = self.language(tokens, tokens_valid)
+        skills = self.codebook(self.predictor(language, tokens_valid, observations, packing, self.horizon))
+        prefix = self.skill_embedding(skills.embeddings)[:, None]
+        chunks = packing.split(self.horizon)
+        return self.policy(prefix, None, observations, actions, chunks), skills
+
+    @property
+    def head(self) -> ActionHead:
+        """The policy's."""
+        return self.policy.head
+
+    def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LisaHistory:
+        """Start a rollout: show the skill predictor the instructions."""
+        return LisaHistory(predictor=self.predictor.begin(self.language(tokens, tokens_valid), tokens_valid))
+
+    def act(self, history: LisaHistory, observations: Mapping[str, Tensor]) -> Tensor:
+        """Take one more step; a skill code is chosen at steps 0, H, 2H, ..."""
+        history.unseen.append(observations)
+        step_in_chunk = history.step % self.horizon
+        if step_in_chunk == 0:
+            self._choose_skill(history)
+        if history.policy is None:
+            raise RuntimeError("a rollout starts at step 0")
+        previous = history.actions if step_in_chunk else None
+        history.step += 1
+        return self.policy.step(history.policy, step_in_chunk, observations, previous)
+
+    def _choose_skill(self, history: LisaHistory) -> None:
+        recent = {key: torch.stack([seen[key] for seen in history.unseen], dim=1) for key in history.unseen[0]}
+        first = history.step + 1 - len(history.unseen)
+        skills = self.codebook(self.predictor.ask(history.predictor, recent, first))
+        history.unseen.clear()
+        history.codes = skills.codes
+        history.policy = self.policy.begin(self.skill_embedding(skills.embeddings)[:, None])

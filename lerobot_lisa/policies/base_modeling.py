@@ -1,0 +1,194 @@
+"""What LISA and Lang-DT share of LeRobot's policy protocol: episodes in training, a history in rollouts, model cards."""
+
+import logging
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import torch
+from huggingface_hub import ModelCard
+from lerobot.lerobot_types import TransitionKey
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.processor import NormalizerProcessorStep
+from lerobot.utils.constants import ACTION, OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS
+from torch import Tensor
+
+from lerobot_lisa.episodes.load import load_episodes
+from lerobot_lisa.episodes.store import EpisodeStore
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.networks.episode_network import EpisodeNetwork
+from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.instructions import build_vocabulary
+from lerobot_lisa.policies.model_card import make_model_card
+
+if TYPE_CHECKING:
+    from lerobot.configs.train import TrainPipelineConfig
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+
+Metrics = dict[str, float]
+
+
+class EpisodePolicy(PreTrainedPolicy):
+    """Base of the policies that learn from whole episodes.
+
+    `lerobot-train` hands `forward` single frames. Their episode indices choose whole episodes in the episode store, so
+    what a frame contributes is its episode, and an episode is drawn in proportion to its length. The loss averages over
+    each episode's frames first, which gives every frame of the dataset the same weight, as in the paper.
+    """
+
+    config_class = EpisodePolicyConfig
+    name = "episode_policy"
+    network: EpisodeNetwork
+
+    def __init__(
+        self,
+        config: EpisodePolicyConfig,
+        dataset_stats: dict[str, dict[str, Any]] | None = None,
+        dataset_meta: "LeRobotDatasetMetadata | None" = None,
+        **_: Any,
+    ) -> None:
+        """Build the policy; `dataset_meta` is needed for training only.
+
+        Raises:
+            UserError: The features cannot work, or the language encoder is not there.
+        """
+        if dataset_meta is not None:
+            _learn_about(config, dataset_meta)
+        config.validate_features()
+        super().__init__(config)
+        self.config: EpisodePolicyConfig = config
+        self.network = self.make_network()
+        self._dataset = dataset_meta
+        self._store: EpisodeStore | None = None
+        self._normalize = _normalizer(config, dataset_stats)
+        self._history: Any = None
+        self._instruction: Tensor | None = None
+
+    # What a policy fills in.
+
+    @abstractmethod
+    def make_network(self) -> EpisodeNetwork:
+        """The method itself, of the configured size."""
+
+    @abstractmethod
+    def predict(
+        self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
+    ) -> tuple[Tensor, Tensor, Metrics]:
+        """Predictions for all N frames, what else enters the loss (a scalar), and numbers worth logging."""
+
+    # Training.
+
+    def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, Metrics]:
+        """Loss of the whole episodes that a batch's frames belong to.
+
+        Args:
+            batch: From LeRobot's loader and this policy's preprocessor. Read are `episode_index` (B,),
+                `observation.language.tokens` (B, M) and `observation.language.attention_mask` (B, M).
+            reduction: "mean", or "none" for one loss per frame of the batch, (B,).
+
+        Returns:
+            The loss and numbers for the training log.
+
+        Raises:
+            UserError: The policy was built without a dataset.
+        """
+        frames, packing = self.episode_store.gather(batch["episode_index"], self._device)
+        frames = self._scaled(frames)
+        actions = frames.pop(ACTION).reshape(packing.total, -1)
+        tokens, tokens_valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
+        outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
+        head = self.network.head
+        action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
+        metrics |= {"action_loss": action_loss.mean().item()}
+        metrics |= {key: value.item() for key, value in head.metrics(outputs.detach(), actions).items()}
+        loss = action_loss if reduction == "none" else action_loss.mean()
+        return loss + extra_loss, metrics
+
+    @property
+    def episode_store(self) -> EpisodeStore:
+        """Every episode of the training dataset, read at first use."""
+        if self._store is None:
+            if self._dataset is None:
+                raise UserError(
+                    f"{self.name} learns from whole episodes: build it with make_policy(cfg, ds_meta=dataset.meta)"
+                )
+            location = self.config.episode_store
+            store = load_episodes(self._dataset, [*self.config.input_features, ACTION], location)
+            self._store = store.to(self._device) if location == "device" else store
+        return self._store
+
+    def _scaled(self, frames: dict[str, Tensor]) -> dict[str, Tensor]:
+        """What the preprocessor does to observations and actions in a rollout, done to stored ones."""
+        observations = {key: value for key, value in frames.items() if key != ACTION}
+        scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: frames[ACTION]})
+        return {**scaled[TransitionKey.OBSERVATION], ACTION: scaled[TransitionKey.ACTION]}
+
+    @property
+    def _device(self) -> torch.device:
+        return next(self.parameters()).device
+
+    # Rollouts.
+
+    def reset(self) -> None:
+        """Forget the rollout: the next observation is an episode's first."""
+        self._history, self._instruction = None, None
+
+    @torch.no_grad()
+    def select_action(self, batch: dict[str, Any], **_: Any) -> Tensor:
+        """One action for each of B environments that were reset together.
+
+        Another instruction than the step before starts a new episode.
+
+        Args:
+            batch: From this policy's preprocessor: observation features (B, *shape) and instruction tokens (B, M).
+
+        Returns:
+            Actions (B, A); categorical ones as class numbers (B, 1).
+        """
+        return self.network.head.pick(self.action_outputs(batch))
+
+    @torch.no_grad()
+    def action_outputs(self, batch: dict[str, Any]) -> Tensor:
+        """Advance the rollout by one step; returns logits (B, classes) or means (B, A), from which actions are picked."""
+        self.eval()
+        tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
+        if self._history is None or self._instruction is None or not torch.equal(tokens, self._instruction):
+            self._history, self._instruction = self.network.begin(tokens, valid), tokens
+        observations = {key: batch[key] for key in self.config.input_features}
+        outputs = self.network.act(self._history, observations)
+        self._history.actions = self.network.head.pick(outputs)
+        return outputs
+
+    @torch.no_grad()
+    def predict_action_chunk(self, batch: dict[str, Any], **kwargs: Any) -> Tensor:
+        """Actions (B, 1, A): both policies look at every observation, so a chunk is one action long."""
+        return self.select_action(batch, **kwargs)[:, None]
+
+    # Hub.
+
+    def generate_model_card(
+        self,
+        dataset_repo_id: str,
+        model_type: str,
+        license: str | None,
+        tags: list[str] | None,
+        cfg: "TrainPipelineConfig | None" = None,
+        dataset_meta: "LeRobotDatasetMetadata | None" = None,
+    ) -> ModelCard:
+        """A card that names the paper and the licence; LeRobot's own would list every instruction."""
+        return make_model_card(self.config, dataset_repo_id, license, tags, cfg, dataset_meta)
+
+
+def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
+    lengths = [
+        b - a for a, b in zip(meta.episodes["dataset_from_index"], meta.episodes["dataset_to_index"], strict=True)
+    ]
+    config.describe_dataset(meta.features, meta.stats, max(lengths))
+    if config.language_encoder == WORDS and not config.vocabulary:
+        config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
+        logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))
+
+
+def _normalizer(config: EpisodePolicyConfig, stats: dict[str, dict[str, Any]] | None) -> NormalizerProcessorStep:
+    features = {**(config.input_features or {}), **(config.output_features or {})}
+    return NormalizerProcessorStep(features=features, norm_map=config.normalization_mapping, stats=stats)

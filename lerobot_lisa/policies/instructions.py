@@ -1,0 +1,133 @@
+"""Instructions to token ids, by a preprocessor step that carries its whole tokenizer: checkpoints need no download."""
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from lerobot.configs import FeatureType, PipelineFeatureType, PolicyFeature
+from lerobot.lerobot_types import TransitionKey
+from lerobot.processor import ObservationProcessorStep, ProcessorStepRegistry
+from lerobot.utils.constants import OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS
+from tokenizers import Tokenizer, models, normalizers, pre_tokenizers
+from torch import Tensor
+
+from lerobot_lisa.errors import UserError
+
+PADDING, UNKNOWN = "[PAD]", "[UNK]"
+LONGEST = 512  # tokens; what BERT-like encoders can take
+REMEMBERED = 200_000  # instructions whose token ids are kept
+
+
+def build_vocabulary(instructions: Iterable[str], limit: int = 10_000) -> list[str]:
+    """Words of a set of instructions, the most frequent `limit` of them, in alphabetical order."""
+    counts = Counter(word for text in instructions for word in re.findall(r"\w+|[^\w\s]+", text.lower()))
+    return sorted(word for word, _ in counts.most_common(limit))
+
+
+def word_tokenizer(vocabulary: list[str]) -> Tokenizer:
+    """One token per word or run of punctuation, lower case; id 0 is padding, id 1 an unknown word."""
+    ids = {word: index for index, word in enumerate([PADDING, UNKNOWN, *vocabulary])}
+    tokenizer = Tokenizer(models.WordLevel(ids, unk_token=UNKNOWN))
+    tokenizer.normalizer = normalizers.Lowercase()
+    tokenizer.pre_tokenizer = pre_tokenizers.Whitespace()
+    return tokenizer
+
+
+def pretrained_tokenizer(name: str) -> Tokenizer:
+    """The tokenizer of a Hugging Face encoder, by id or local path.
+
+    Raises:
+        UserError: It cannot be found, or has no fast version.
+    """
+    from transformers import AutoTokenizer  # slow to import, and word-level policies do without
+
+    try:
+        loaded = AutoTokenizer.from_pretrained(name)
+    except (OSError, ValueError) as error:
+        raise UserError(missing_language_encoder(name)) from error
+    if not loaded.is_fast:
+        raise UserError(
+            f"language encoder {name} has no fast tokenizer: choose one that has, or --policy.language_encoder=words"
+        )
+    tokenizer: Tokenizer = loaded.backend_tokenizer
+    tokenizer.no_padding()
+    tokenizer.enable_truncation(LONGEST)
+    return tokenizer
+
+
+def missing_language_encoder(name: str) -> str:
+    """What to do when a language encoder is not there."""
+    return (
+        f"language encoder {name!r} is neither a folder nor to be had from the Hub (offline?): pass a local path, "
+        "or --policy.language_encoder=words for the built-in one that needs no download"
+    )
+
+
+@ProcessorStepRegistry.register("lisa_instructions")
+@dataclass
+class InstructionStep(ObservationProcessorStep):
+    """Adds `observation.language.tokens` (B, M) and their mask (B, M) for the task strings of a batch.
+
+    Each distinct instruction is tokenised once: doing it for every frame costs 16 ms per batch of 128. The tokenizer is
+    saved with the pipeline's state; LeRobot's own step saves only a name, which breaks in another place.
+    """
+
+    tokenizer: Tokenizer | None = None
+    _ids: dict[str, list[int]] = field(default_factory=dict, init=False, repr=False)
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Tokenise the task strings of the transition this observation belongs to."""
+        tokens, valid = self._tokenise(self._instructions())
+        return {**observation, OBS_LANGUAGE_TOKENS: tokens, OBS_LANGUAGE_ATTENTION_MASK: valid}
+
+    def _instructions(self) -> list[str]:
+        task = (self.transition.get(TransitionKey.COMPLEMENTARY_DATA) or {}).get("task")
+        if task is None:
+            raise UserError("no instruction: put the task string into the batch under the key `task`")
+        return [task] if isinstance(task, str) else list(task)
+
+    def _tokenise(self, instructions: list[str]) -> tuple[Tensor, Tensor]:
+        ids = [self._look_up(text) for text in instructions]
+        longest = max(len(row) for row in ids)
+        tokens = torch.tensor([row + [0] * (longest - len(row)) for row in ids])
+        lengths = torch.tensor([len(row) for row in ids])
+        return tokens, torch.arange(longest) < lengths[:, None]
+
+    def _look_up(self, instruction: str) -> list[int]:
+        if instruction not in self._ids:
+            if self.tokenizer is None:
+                raise RuntimeError("the instruction step has no tokenizer: load its state first")
+            if len(self._ids) >= REMEMBERED:
+                self._ids.clear()
+            # An empty instruction still is one token, so that attention has something to look at.
+            self._ids[instruction] = self.tokenizer.encode(instruction).ids[:LONGEST] or [1]
+        return self._ids[instruction]
+
+    def get_config(self) -> dict[str, Any]:
+        """Nothing: all there is lies in the state."""
+        return {}
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The tokenizer as the bytes of its JSON, the one kind of thing LeRobot stores for a step."""
+        if self.tokenizer is None:
+            return {}
+        return {"tokenizer": torch.frombuffer(bytearray(self.tokenizer.to_str().encode()), dtype=torch.uint8)}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Restore the tokenizer."""
+        self.tokenizer = Tokenizer.from_str(bytes(state["tokenizer"].cpu().numpy()).decode())
+        self._ids.clear()
+
+    def transform_features(
+        self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]
+    ) -> dict[PipelineFeatureType, dict[str, PolicyFeature]]:
+        """Announce the two tensors."""
+        language = PolicyFeature(type=FeatureType.LANGUAGE, shape=(LONGEST,))
+        features[PipelineFeatureType.OBSERVATION] |= {
+            OBS_LANGUAGE_TOKENS: language,
+            OBS_LANGUAGE_ATTENTION_MASK: language,
+        }
+        return features

@@ -1,0 +1,51 @@
+"""The Lang-DT policy in LeRobot's protocol; the method itself is `lerobot_lisa.networks.lang_dt`."""
+
+from typing import Any
+
+from torch import Tensor
+
+from lerobot_lisa.networks.action_predictor import ActionPredictor
+from lerobot_lisa.networks.lang_dt import LangDT
+from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.timesteps import TimestepEmbedding
+from lerobot_lisa.networks.transformer import CausalTransformer
+from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
+from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
+from lerobot_lisa.policies.parts import make_action_head, make_language_encoder, make_observation_encoder
+
+
+class LangDTPolicy(EpisodePolicy):
+    """Lang-DT: a Decision Transformer over the instruction and the whole episode so far (the paper's baseline)."""
+
+    config_class = LangDTConfig
+    name = "lang_dt"
+    config: LangDTConfig
+    network: LangDT
+
+    def make_network(self) -> LangDT:
+        """One causal transformer that looks back over as many steps as the longest training episode has."""
+        config, steps = self.config, self.config.max_timesteps or 1
+        policy = ActionPredictor(
+            make_observation_encoder(config),
+            TimestepEmbedding(steps, config.width),
+            # Two tokens a step: observation and action.
+            CausalTransformer(config.width, config.layers, config.heads, config.dropout, window=2 * steps),
+            make_action_head(config),
+        )
+        return LangDT(make_language_encoder(config), policy, config.padding_waste)
+
+    def get_optim_params(self) -> list[dict[str, Any]]:
+        """One group per learning rate of the paper: policy and language encoder."""
+        language = list(self.network.language.encoder.parameters())
+        policy = [*self.network.policy.parameters(), *self.network.language.output.parameters()]
+        return [
+            {"name": "policy", "params": policy, "lr": self.config.optimizer_lr},
+            {"name": "language_encoder", "params": language, "lr": self.config.language_rate},
+        ]
+
+    def predict(
+        self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
+    ) -> tuple[Tensor, Tensor, Metrics]:
+        """Predictions; no other loss, nothing else to log."""
+        outputs = self.network(tokens, tokens_valid, frames, actions, packing)
+        return outputs, outputs.new_zeros(()), {}

@@ -1,0 +1,99 @@
+"""The LISA policy in LeRobot's protocol; the method itself is `lerobot_lisa.networks.lisa`."""
+
+from typing import Any
+
+from torch import Tensor, nn
+
+from lerobot_lisa.networks.action_predictor import ActionPredictor
+from lerobot_lisa.networks.codebook import Codebook, mutual_information, perplexity
+from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.skill_predictor import SkillPredictor
+from lerobot_lisa.networks.timesteps import TimestepEmbedding
+from lerobot_lisa.networks.transformer import CausalTransformer
+from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
+from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+from lerobot_lisa.policies.parts import make_action_head, make_language_encoder, make_observation_encoder
+
+
+class LisaPolicy(EpisodePolicy):
+    """LISA: learns skill codes from language and acts with them (Garg et al., NeurIPS 2022)."""
+
+    config_class = LisaConfig
+    name = "lisa"
+    config: LisaConfig
+    network: Lisa
+
+    def make_network(self) -> Lisa:
+        """Skill predictor, codebook and policy of the configured sizes."""
+        config = self.config
+        return Lisa(
+            language=make_language_encoder(config),
+            predictor=make_skill_predictor(config),
+            codebook=Codebook(
+                config.width,
+                config.codebook_size,
+                config.code_width,
+                config.codebook_decay,
+                config.commitment_weight,
+                config.dead_code_threshold,
+            ),
+            skill_embedding=nn.Linear(config.width, config.width),
+            policy=make_policy(config),
+            horizon=config.horizon,
+        )
+
+    def get_optim_params(self) -> list[dict[str, Any]]:
+        """One group per learning rate of the paper: policy, skill predictor with codebook, language encoder."""
+        network, config = self.network, self.config
+        language = list(network.language.encoder.parameters())
+        predictor = [
+            *network.predictor.parameters(),
+            *network.codebook.parameters(),
+            *network.language.output.parameters(),
+        ]
+        policy = [*network.skill_embedding.parameters(), *network.policy.parameters()]
+        return [
+            {"name": "policy", "params": policy, "lr": config.optimizer_lr},
+            {"name": "skill_predictor", "params": predictor, "lr": config.optimizer_lr_skill_predictor},
+            {"name": "language_encoder", "params": language, "lr": config.language_rate},
+        ]
+
+    def predict(
+        self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
+    ) -> tuple[Tensor, Tensor, Metrics]:
+        """Predictions, commitment loss and what the codebook does."""
+        outputs, skills = self.network(tokens, tokens_valid, frames, actions, packing)
+        metrics = {
+            "commitment_loss": skills.commitment.item(),
+            "perplexity": perplexity(skills.codes, self.config.codebook_size).item(),
+            "codes_used": float(len(skills.codes.unique())),
+            "mutual_information": mutual_information(skills.distances).item(),
+        }
+        return outputs, skills.commitment, metrics
+
+    @property
+    def skill_codes(self) -> Tensor | None:
+        """Skill codes (B,) that the current rollout follows; None before its first step."""
+        return None if self._history is None else self._history.codes
+
+
+def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
+    """f: looks back over as many steps as the longest training episode has."""
+    steps = config.max_timesteps or 1
+    return SkillPredictor(
+        make_observation_encoder(config),
+        TimestepEmbedding(steps, config.width),
+        CausalTransformer(config.width, config.predictor_layers, config.heads, config.dropout, window=steps),
+        config.width,
+    )
+
+
+def make_policy(config: LisaConfig) -> ActionPredictor:
+    """pi: sees one chunk, and knows where in the chunk it is but not where in the episode."""
+    return ActionPredictor(
+        make_observation_encoder(config),
+        TimestepEmbedding(config.horizon, config.width),
+        CausalTransformer(config.width, config.policy_layers, config.heads, config.dropout),
+        make_action_head(config),
+    )

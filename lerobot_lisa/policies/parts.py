@@ -1,0 +1,66 @@
+"""Build the network parts that both policies share from a policy's settings."""
+
+from typing import Any
+
+import torch
+from lerobot.configs import FeatureType
+
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.networks.actions import ActionHead, CategoricalHead, ContinuousHead
+from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
+from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
+from lerobot_lisa.policies.base_configuration import GRID_SYMBOLS, WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.instructions import missing_language_encoder
+
+KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VISUAL: "image"}
+
+
+def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
+    """One encoder over all of the policy's observation features."""
+    specs = {
+        key: ObservationSpec(KINDS[feature.type], tuple(feature.shape), GRID_SYMBOLS)  # type: ignore[arg-type]
+        for key, feature in (config.input_features or {}).items()
+    }
+    return ObservationEncoder(specs, config.width, config.image_backbone, config.image_backbone_weights)
+
+
+def make_action_head(config: EpisodePolicyConfig) -> ActionHead:
+    """Categorical or continuous, as the dataset's actions are."""
+    if config.action_classes:
+        return CategoricalHead(config.width, config.action_classes)
+    size = config.action_feature.shape[0]  # validate_features has seen to it
+    weights = torch.ones(size)
+    weights[config.ignored_action_dimensions] = 0
+    return ContinuousHead(config.width, size, weights)
+
+
+def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
+    """The built-in word-level encoder or a pretrained one.
+
+    A new policy takes a pretrained encoder's weights from the Hub or a folder and notes its architecture in
+    `config.language_model`; a loaded one builds from that note and gets its weights from the checkpoint.
+    """
+    if config.language_encoder == WORDS:
+        return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.width), config.width)
+    from transformers import AutoConfig, AutoModel  # slow to import, and word-level policies do without
+
+    if config.language_model is None:
+        model = _download(AutoModel, config.language_encoder)
+        config.language_model = _jsonable(model.config.to_dict())
+    else:
+        noted = dict(config.language_model)
+        model = AutoModel.from_config(AutoConfig.for_model(noted.pop("model_type"), **noted))
+    encoder = PretrainedEncoder(model, config.freeze_language_encoder)
+    return LanguageEncoder(encoder, config.width)
+
+
+def _download(factory: Any, name: str) -> Any:
+    try:
+        return factory.from_pretrained(name)
+    except (OSError, ValueError) as error:
+        raise UserError(missing_language_encoder(name)) from error
+
+
+def _jsonable(settings: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what JSON cannot hold and what a rebuilt encoder does not need."""
+    return {key: value for key, value in settings.items() if isinstance(value, str | int | float | bool | list)}
