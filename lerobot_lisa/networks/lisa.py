@@ -34,7 +34,7 @@ class LisaHistory(History):
 
 
 class Lisa(EpisodeNetwork):
-    """Language and observations choose a skill code every H steps; code and observations of the chunk choose actions."""
+    """Language and observations choose a skill code every H steps; code and chunk choose the actions."""
 
     def __init__(
         self,

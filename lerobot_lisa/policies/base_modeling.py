@@ -1,4 +1,4 @@
-"""What LISA and Lang-DT share of LeRobot's policy protocol: episodes in training, a history in rollouts, model cards."""
+"""What both policies share of LeRobot's protocol: whole episodes in training, a history in rollouts, model cards."""
 
 import logging
 from abc import abstractmethod
@@ -149,7 +149,7 @@ class EpisodePolicy(PreTrainedPolicy):
 
     @torch.no_grad()
     def action_outputs(self, batch: dict[str, Any]) -> Tensor:
-        """Advance the rollout by one step; returns logits (B, classes) or means (B, A), from which actions are picked."""
+        """Advance the rollout by one step; returns what actions are picked from, logits (B, classes) or means (B, A)."""
         self.eval()
         tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
         if self._history is None or self._instruction is None or not torch.equal(tokens, self._instruction):

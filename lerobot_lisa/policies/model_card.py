@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
 SUMMARIES = {
-    "lisa": "A LISA policy: it turns an instruction into discrete skill codes, and each code into a few steps of actions.",
+    "lisa": "A LISA policy: it turns an instruction into skill codes, and each code into a few steps of actions.",
     "lang_dt": "A Lang-DT policy: the flat language-conditioned Decision Transformer that LISA is compared with.",
 }
 SHOWN = (
