@@ -149,7 +149,7 @@ class EpisodePolicy(PreTrainedPolicy):
 
     @torch.no_grad()
     def action_outputs(self, batch: dict[str, Any]) -> Tensor:
-        """Advance the rollout by one step; returns what actions are picked from, logits (B, classes) or means (B, A)."""
+        """Advance the rollout by one step; returns what actions are picked from: logits (B, classes) or means."""
         self.eval()
         tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
         if self._history is None or self._instruction is None or not torch.equal(tokens, self._instruction):
