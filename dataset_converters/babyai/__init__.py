@@ -1,0 +1,1 @@
+"""BabyAI: demonstrations from a bot or from the original files, as LeRobot datasets."""
