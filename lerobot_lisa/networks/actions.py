@@ -23,8 +23,8 @@ class ActionHead(nn.Module, ABC):
         """Loss (N,) of predictions against the actions (N, A) that were taken."""
 
     @abstractmethod
-    def pick(self, outputs: Tensor) -> Tensor:
-        """Actions (N, A) for predictions."""
+    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Actions (N, A) for predictions; `generator` makes drawing them exact."""
 
     @abstractmethod
     def metrics(self, outputs: Tensor, actions: Tensor) -> dict[str, Tensor]:
@@ -32,10 +32,17 @@ class ActionHead(nn.Module, ABC):
 
 
 class CategoricalHead(ActionHead):
-    """One of several actions: cross-entropy, and the most probable action is taken."""
+    """One of several actions: cross-entropy, and an action is drawn or the most probable one taken.
 
-    def __init__(self, width: int, classes: int) -> None:
+    Args:
+        width: D.
+        classes: How many actions there are.
+        temperature: Of the softmax that actions are drawn from; 0 takes the most probable one.
+    """
+
+    def __init__(self, width: int, classes: int, temperature: float = 1.0) -> None:
         super().__init__()
+        self.temperature = temperature
         self.embedding = nn.Embedding(classes, width)
         self.logits = nn.Linear(width, classes)
 
@@ -51,9 +58,12 @@ class CategoricalHead(ActionHead):
         """Cross-entropy in nats, (N,)."""
         return F.cross_entropy(outputs.float(), actions[:, 0].long(), reduction="none")
 
-    def pick(self, outputs: Tensor) -> Tensor:
-        """The most probable class as float (N, 1), which is how LeRobot hands actions to environments."""
-        return outputs.argmax(-1, keepdim=True).float()
+    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """A class as float (N, 1), which is how LeRobot hands actions to environments."""
+        if self.temperature == 0:
+            return outputs.argmax(-1, keepdim=True).float()
+        probabilities = torch.softmax(outputs.float() / self.temperature, dim=-1)
+        return torch.multinomial(probabilities, 1, generator=generator).float()
 
     def metrics(self, outputs: Tensor, actions: Tensor) -> dict[str, Tensor]:
         """Share of frames whose most probable action is the demonstrated one."""
@@ -85,7 +95,7 @@ class ContinuousHead(ActionHead):
         error = (outputs.float() - actions.float()).square() * self.weights
         return error.sum(-1) / self.weights.sum()
 
-    def pick(self, outputs: Tensor) -> Tensor:
+    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """The mean, (N, A)."""
         return outputs
 

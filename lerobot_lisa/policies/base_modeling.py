@@ -63,6 +63,8 @@ class EpisodePolicy(PreTrainedPolicy):
         self._normalize = _normalizer(config, dataset_stats)
         self._history: Any = None
         self._instruction: Tensor | None = None
+        self._rollouts = 0
+        self._generator = torch.Generator()
 
     # What a policy fills in.
 
@@ -92,6 +94,7 @@ class EpisodePolicy(PreTrainedPolicy):
         Raises:
             UserError: The policy was built without a dataset.
         """
+        self._rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
         frames, packing = self.episode_store.gather(batch["episode_index"], self._device)
         frames = self._scaled(frames)
         actions = frames.pop(ACTION).reshape(packing.total, -1)
@@ -145,7 +148,8 @@ class EpisodePolicy(PreTrainedPolicy):
         Returns:
             Actions (B, A); categorical ones as class numbers (B, 1).
         """
-        return self.network.head.pick(self.action_outputs(batch))
+        self.action_outputs(batch)
+        return self._history.actions
 
     @torch.no_grad()
     def action_outputs(self, batch: dict[str, Any]) -> Tensor:
@@ -153,11 +157,17 @@ class EpisodePolicy(PreTrainedPolicy):
         self.eval()
         tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
         if self._history is None or self._instruction is None or not torch.equal(tokens, self._instruction):
-            self._history, self._instruction = self.network.begin(tokens, valid), tokens
+            self._begin(tokens, valid)
         observations = {key: batch[key] for key in self.config.input_features}
         outputs = self.network.act(self._history, observations)
-        self._history.actions = self.network.head.pick(outputs)
+        self._history.actions = self.network.head.pick(outputs, self._generator)
         return outputs
+
+    def _begin(self, tokens: Tensor, valid: Tensor) -> None:
+        """Start a rollout; what it draws depends on how many came before it, not on what else used random numbers."""
+        self._history, self._instruction = self.network.begin(tokens, valid), tokens
+        self._generator = torch.Generator(tokens.device).manual_seed(self.config.action_seed + self._rollouts)
+        self._rollouts += 1
 
     @torch.no_grad()
     def predict_action_chunk(self, batch: dict[str, Any], **kwargs: Any) -> Tensor:

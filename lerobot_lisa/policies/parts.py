@@ -27,7 +27,7 @@ def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
 def make_action_head(config: EpisodePolicyConfig) -> ActionHead:
     """Categorical or continuous, as the dataset's actions are."""
     if config.action_classes:
-        return CategoricalHead(config.width, config.action_classes)
+        return CategoricalHead(config.width, config.action_classes, config.action_temperature)
     size = config.action_feature.shape[0]  # validate_features has seen to it
     weights = torch.ones(size)
     weights[config.ignored_action_dimensions] = 0
