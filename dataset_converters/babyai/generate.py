@@ -4,6 +4,7 @@ import multiprocessing
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,6 +143,10 @@ def _workers(count: int) -> Iterator[ProcessPoolExecutor | None]:
     pool = ProcessPoolExecutor(count, context, initializer=follow_parent)
     try:
         yield pool
+    except BrokenProcessPool as error:
+        raise UserError(
+            "a worker process was killed (out of memory?); run the same command again with fewer --workers"
+        ) from error
     finally:
         pool.shutdown(cancel_futures=True)
 

@@ -74,7 +74,7 @@ def test_bad_settings_leave_nothing(source, tmp_path, changes, message):
 def test_a_bad_demonstration_far_into_the_file_leaves_nothing(source, tmp_path, capsys):
     content = source.read_bytes()
     demos = [item for _ in range(40) for item in pickle.loads(content)]
-    mission, images, directions, actions = demo(3)
+    mission, images, directions, _ = demo(3)
     source.write_bytes(pickle.dumps([*demos, (mission, pack(images), directions, [0, 1, 9])]))
     assert main(["convert", str(source), "--root", str(tmp_path / "d"), "--repo-id", "me/d"]) == 1
     error = capsys.readouterr().err

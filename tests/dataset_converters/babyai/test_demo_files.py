@@ -241,7 +241,7 @@ def test_what_is_wrong_is_said(tmp_path, content, message):
 
 
 def test_a_missing_file_and_level_names(tmp_path):
-    with pytest.raises(UserError, match="nowhere.pkl: cannot be read"):
+    with pytest.raises(UserError, match=r"nowhere\.pkl: cannot be read"):
         list(read_demonstrations(tmp_path / "nowhere.pkl", "GoTo"))
     assert level_from_name(Path("a/BabyAI-GoToSeq-v0_valid.pkl")) == "GoToSeq"
     assert level_from_name(Path("BabyAI-BossLevel-v0.pkl")) == "BossLevel"
