@@ -27,17 +27,19 @@ class DemonstrationBot(BabyAIBot):
     def _breadth_first_search(
         self, initial_states: Iterable[tuple[int, int, int, int]], accept_fn: Callable, ignore_blockers: bool
     ) -> tuple[list[Position] | None, Position | None, dict[Position, Position | None]]:
-        """Search in minigrid's order: straight on first; upstream copies its queue at every step, this does not."""
+        """Search in minigrid's order, straight on first, but without copying the queue at every step.
+
+        Upstream also queues a cell from each of its neighbours and skips all but the first; here only the first queues.
+        """
         self.bfs_counter += 1
         queue: deque = deque((state, None) for state in initial_states)
+        queued = {state[:2] for state, _ in queue}
         grid, seen = self.mission.grid, self._seen
         cells, width = grid.grid, grid.width
         previous: dict[Position, Position | None] = {}
         while queue:
             (i, j, di, dj), came_from = queue.popleft()
             here = (i, j)
-            if here in previous:
-                continue
             self.bfs_step_counter += 1
             cell = cells[j * width + i]
             previous[here] = came_from
@@ -45,7 +47,10 @@ class DemonstrationBot(BabyAIBot):
                 return _path_to(here, previous), here, previous
             if seen[i][j] and not _blocks(cell, ignore_blockers):
                 for k, l in ((di, dj), (dj, di), (-dj, -di), (-di, -dj)):  # noqa: E741  (minigrid's names)
-                    queue.append(((i + k, j + l, k, l), here))
+                    there = (i + k, j + l)
+                    if there not in queued:
+                        queued.add(there)
+                        queue.append(((*there, k, l), here))
         return None, None, previous
 
 
