@@ -32,8 +32,8 @@ class EpisodePolicyConfig(PreTrainedConfig):
         image_backbone: A torchvision resnet for image features instead of four convolutions.
         image_backbone_weights: Its weights by torchvision's name, such as "DEFAULT"; None: from scratch.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
-        action_temperature: Categorical actions are drawn from a softmax of this temperature in rollouts; 0 takes the most
-            probable one.
+        action_temperature: In rollouts categorical actions are drawn from a softmax of this temperature; 0 takes the
+            most probable one.
         action_seed: Makes drawing exact: rollout k after training or loading draws from seed `action_seed` + k.
         episode_store: Where whole episodes wait: "memory", "disk" (memory-mapped) or "device" (with the model).
         optimizer_lr: Rate of the parameters that predict actions.
