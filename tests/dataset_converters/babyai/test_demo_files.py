@@ -26,7 +26,7 @@ def read(tmp_path: Path, content: bytes, **options) -> list:
     return list(read_demonstrations(path, "GoTo", **options))
 
 
-def refused(tmp_path: Path, content: bytes, match: str = "") -> None:
+def refused(tmp_path: Path, content: bytes, match: str | None = None) -> None:
     with pytest.raises(UserError, match=match) as caught:
         read(tmp_path, content)
     assert "\n" not in str(caught.value)
