@@ -1,4 +1,4 @@
-"""Action heads: how actions are embedded, what their loss is and how one is picked."""
+"""What an action head is, and the one for categorical actions: embedding, loss, how an action is picked."""
 
 from abc import ABC, abstractmethod
 
@@ -68,38 +68,3 @@ class CategoricalHead(ActionHead):
     def metrics(self, outputs: Tensor, actions: Tensor) -> dict[str, Tensor]:
         """Share of frames whose most probable action is the demonstrated one."""
         return {"action_accuracy": (outputs.argmax(-1) == actions[:, 0].long()).float().mean()}
-
-
-class ContinuousHead(ActionHead):
-    """Real-valued actions: squared error, and the mean is taken (paper, section 3.2)."""
-
-    weights: Tensor
-
-    def __init__(self, width: int, size: int, weights: Tensor | None = None) -> None:
-        super().__init__()
-        self.embedding = nn.Linear(size, width)
-        self.mean = nn.Linear(width, size)
-        # 0 for dimensions that the environment ignores: their noise would drown the others.
-        self.register_buffer("weights", torch.ones(size) if weights is None else weights)
-
-    def forward(self, hidden: Tensor) -> Tensor:
-        """(N, D) -> mean action (N, A)."""
-        return self.mean(hidden)
-
-    def embed(self, actions: Tensor) -> Tensor:
-        """(N, A) -> (N, D); ignored dimensions are not seen either."""
-        return self.embedding(actions.float() * self.weights)
-
-    def loss(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        """Squared error averaged over the dimensions that count, (N,)."""
-        error = (outputs.float() - actions.float()).square() * self.weights
-        return error.sum(-1) / self.weights.sum()
-
-    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        """The mean, (N, A)."""
-        return outputs
-
-    def metrics(self, outputs: Tensor, actions: Tensor) -> dict[str, Tensor]:
-        """Mean absolute error over the dimensions that count."""
-        error = (outputs - actions).abs() * self.weights
-        return {"action_error": error.sum(-1).mean() / self.weights.sum()}

@@ -56,9 +56,17 @@ class Codebook(nn.Module):
 
     def forward(self, embeddings: Tensor) -> Quantized:
         """Quantise real embeddings (N, D), padding left out. In training mode this also moves the codebook."""
-        quantized, codes, commitment = self.quantizer(embeddings[None])
         distances = self._distances(embeddings)
+        if not (self.training or self.initialised):  # the library would take a rollout for the batch to start from
+            codes = distances.argmin(-1)
+            return Quantized(self.embed(codes), codes, embeddings.new_zeros(()), distances)
+        quantized, codes, commitment = self.quantizer(embeddings[None])
         return Quantized(quantized[0], codes[0], commitment.sum(), distances)
+
+    @property
+    def initialised(self) -> bool:
+        """Whether a training batch has placed the codes."""
+        return bool(self.quantizer._codebook.initted)
 
     @torch.no_grad()
     def embed(self, codes: Tensor) -> Tensor:

@@ -32,8 +32,12 @@ class EpisodePolicyConfig(PreTrainedConfig):
         image_backbone: A torchvision resnet for image features instead of four convolutions.
         image_backbone_weights: Its weights by torchvision's name, such as "DEFAULT"; None: from scratch.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
-        action_temperature: In rollouts categorical actions are drawn from a softmax of this temperature; 0 takes the
-            most probable one.
+        action_head: For real-valued actions: "mean" (the paper's), "bins" or "mixture" (of Gaussians).
+        action_amplification: Factor on the mean of "mean" in rollouts.
+        action_bins: For each dimension of "bins".
+        action_components: Of "mixture".
+        action_temperature: In rollouts categorical actions, bins and mixtures are drawn at this temperature; 0 takes
+            the most probable one.
         action_seed: Makes drawing exact: rollout k after training or loading draws from seed `action_seed` + k.
         episode_store: Where whole episodes wait: "memory", "disk" (memory-mapped) or "device" (with the model).
         optimizer_lr: Rate of the parameters that predict actions.
@@ -58,8 +62,12 @@ class EpisodePolicyConfig(PreTrainedConfig):
     image_backbone_weights: str | None = None
     ignored_action_dimensions: list[int] = field(default_factory=list)
 
-    # The paper does not say how actions are picked. A policy that always takes the most probable one walks in circles
-    # where a demonstrator would not: on GoToSeq it solves 44 % instead of 73 % (docs/results.md).
+    action_head: str = "mean"
+    action_amplification: float = 1.0
+    action_bins: int = 11
+    action_components: int = 5
+    # The paper does not say how categorical actions are picked. A policy that always takes the most probable one walks
+    # in circles where a demonstrator would not (docs/results.md has both).
     action_temperature: float = 1.0
     action_seed: int = 0
 
@@ -95,8 +103,11 @@ class EpisodePolicyConfig(PreTrainedConfig):
         """Refuse settings that cannot work, before anything is loaded."""
         super().__post_init__()
         self._choice("episode_store", ("memory", "disk", "device"))
+        self._choice("action_head", ("mean", "bins", "mixture"))
         self._choice("scheduler", ("constant", "cosine"))
         self._choice("dtype", ("float32", "bfloat16", "float16"))
+        if self.action_bins < 2 or self.action_components < 1:
+            raise UserError("--policy.action_bins must be at least 2 and --policy.action_components at least 1")
         if self.action_temperature < 0:
             raise UserError(f"--policy.action_temperature={self.action_temperature} must be 0 (most probable) or above")
         if self.width < 2 or self.width % 2 or self.width % self.heads:

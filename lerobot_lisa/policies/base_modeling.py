@@ -57,10 +57,10 @@ class EpisodePolicy(PreTrainedPolicy):
         config.validate_features()
         super().__init__(config)
         self.config: EpisodePolicyConfig = config
-        self.network = self.make_network()
+        self._normalize = _normalizer(config, dataset_stats)
+        self.network = self.make_network(self._action_bounds(dataset_stats))
         self._dataset = dataset_meta
         self._store: EpisodeStore | None = None
-        self._normalize = _normalizer(config, dataset_stats)
         self._history: Any = None
         self._instruction: Tensor | None = None
         self._rollouts = 0
@@ -69,8 +69,8 @@ class EpisodePolicy(PreTrainedPolicy):
     # What a policy fills in.
 
     @abstractmethod
-    def make_network(self) -> EpisodeNetwork:
-        """The method itself, of the configured size."""
+    def make_network(self, action_bounds: Tensor) -> EpisodeNetwork:
+        """The method itself, of the configured size; real-valued actions lie within `action_bounds` (2, A)."""
 
     @abstractmethod
     def predict(
@@ -125,6 +125,16 @@ class EpisodePolicy(PreTrainedPolicy):
         observations = {key: value for key, value in frames.items() if key != ACTION}
         scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: frames[ACTION]})
         return {**scaled[TransitionKey.OBSERVATION], ACTION: scaled[TransitionKey.ACTION]}
+
+    def _action_bounds(self, stats: dict[str, dict[str, Any]] | None) -> Tensor:
+        """Least and greatest demonstrated action (2, A), normalised; a checkpoint brings its own."""
+        size = self.config.action_feature.shape[0]
+        if not stats or ACTION not in stats:
+            return torch.tensor([[-1.0], [1.0]]).expand(2, size).clone()
+        bounds = torch.stack([torch.as_tensor(stats[ACTION][name]).float().view(size) for name in ("min", "max")])
+        return self._normalize({TransitionKey.OBSERVATION: {}, TransitionKey.ACTION: bounds})[
+            TransitionKey.ACTION
+        ].cpu()
 
     @property
     def _device(self) -> torch.device:

@@ -4,11 +4,13 @@ from typing import Any
 
 import torch
 from lerobot.configs import FeatureType
+from torch import Tensor
 
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.networks.actions import ActionHead, CategoricalHead, ContinuousHead
+from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
 from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
+from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead
 from lerobot_lisa.policies.base_configuration import GRID_SYMBOLS, WORDS, EpisodePolicyConfig
 from lerobot_lisa.policies.instructions import missing_language_encoder
 
@@ -24,14 +26,18 @@ def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
     return ObservationEncoder(specs, config.width, config.image_backbone, config.image_backbone_weights)
 
 
-def make_action_head(config: EpisodePolicyConfig) -> ActionHead:
-    """Categorical or continuous, as the dataset's actions are."""
+def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
+    """Categorical or real-valued, as the dataset's actions are; `bounds` (2, A) are the least and greatest of them."""
     if config.action_classes:
         return CategoricalHead(config.width, config.action_classes, config.action_temperature)
     size = config.action_feature.shape[0]  # validate_features has seen to it
     weights = torch.ones(size)
     weights[config.ignored_action_dimensions] = 0
-    return ContinuousHead(config.width, size, weights)
+    if config.action_head == "bins":
+        return BinsHead(config.width, weights, bounds, config.action_bins, config.action_temperature)
+    if config.action_head == "mixture":
+        return MixtureHead(config.width, weights, bounds, config.action_components, config.action_temperature)
+    return MeanHead(config.width, weights, bounds, config.action_amplification)
 
 
 def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:

@@ -22,7 +22,7 @@ class LangDTPolicy(EpisodePolicy):
     config: LangDTConfig
     network: LangDT
 
-    def make_network(self) -> LangDT:
+    def make_network(self, action_bounds: Tensor) -> LangDT:
         """One causal transformer that looks back over as many steps as the longest training episode has."""
         config, steps = self.config, self.config.max_timesteps or 1
         policy = ActionPredictor(
@@ -30,7 +30,7 @@ class LangDTPolicy(EpisodePolicy):
             TimestepEmbedding(steps, config.width),
             # Two tokens a step: observation and action.
             CausalTransformer(config.width, config.layers, config.heads, config.dropout, window=2 * steps),
-            make_action_head(config),
+            make_action_head(config, action_bounds),
         )
         return LangDT(make_language_encoder(config), policy, config.padding_waste)
 

@@ -24,7 +24,7 @@ class LisaPolicy(EpisodePolicy):
     config: LisaConfig
     network: Lisa
 
-    def make_network(self) -> Lisa:
+    def make_network(self, action_bounds: Tensor) -> Lisa:
         """Skill predictor, codebook and policy of the configured sizes."""
         config = self.config
         return Lisa(
@@ -39,7 +39,7 @@ class LisaPolicy(EpisodePolicy):
                 config.dead_code_threshold,
             ),
             skill_embedding=nn.Linear(config.width, config.width),
-            policy=make_policy(config),
+            policy=make_policy(config, action_bounds),
             horizon=config.horizon,
         )
 
@@ -89,11 +89,11 @@ def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
     )
 
 
-def make_policy(config: LisaConfig) -> ActionPredictor:
+def make_policy(config: LisaConfig, action_bounds: Tensor) -> ActionPredictor:
     """pi: sees one chunk, and knows where in the chunk it is but not where in the episode."""
     return ActionPredictor(
         make_observation_encoder(config),
         TimestepEmbedding(config.horizon, config.width),
         CausalTransformer(config.width, config.policy_layers, config.heads, config.dropout),
-        make_action_head(config),
+        make_action_head(config, action_bounds),
     )
