@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
-from lerobot_lisa.networks.actions import ActionHead, CategoricalHead, ContinuousHead
+from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
 from lerobot_lisa.networks.codebook import Codebook
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.lang_dt import LangDT
@@ -14,6 +14,7 @@ from lerobot_lisa.networks.language import LanguageEncoder, WordEncoder
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.real_actions import MeanHead
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
@@ -107,5 +108,9 @@ def run(network: EpisodeNetwork, what: Batch) -> tuple[Tensor, Tensor | None]:
 
 
 def _policy(categorical: bool, timesteps: TimestepEmbedding, transformer: CausalTransformer) -> ActionPredictor:
-    head: ActionHead = CategoricalHead(WIDTH, CLASSES) if categorical else ContinuousHead(WIDTH, 2)
+    head: ActionHead = (
+        CategoricalHead(WIDTH, CLASSES)
+        if categorical
+        else MeanHead(WIDTH, torch.ones(2), torch.tensor([[-1.0] * 2, [1.0] * 2]))
+    )
     return ActionPredictor(ObservationEncoder(SPECS, WIDTH), timesteps, transformer, head)

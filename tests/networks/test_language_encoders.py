@@ -1,0 +1,106 @@
+"""Language encoders on their own: padding changes nothing, frozen answers are remembered."""
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
+
+TOKENS = torch.tensor([[4, 2, 7], [3, 0, 0], [4, 2, 0]])
+VALID = torch.tensor([[1, 1, 1], [1, 0, 0], [1, 1, 0]], dtype=torch.bool)
+
+
+class Model(nn.Module):
+    """The protocol of a `transformers` encoder; every token sees all valid ones; counts what it is asked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.config = SimpleNamespace(hidden_size=6)
+        self.embedding, self.dropout = nn.Embedding(10, 6), nn.Dropout(0.5)
+        self.asked = 0
+
+    def forward(self, input_ids: Tensor, attention_mask: Tensor) -> SimpleNamespace:
+        self.asked += len(input_ids)
+        embedded = self.embedding(input_ids)
+        mean = (embedded * attention_mask[..., None]).sum(1, keepdim=True)
+        return SimpleNamespace(last_hidden_state=self.dropout(embedded + mean))
+
+
+def encoders() -> dict[str, nn.Module]:
+    torch.manual_seed(0)
+    return {
+        "words": WordEncoder(10, 6),
+        "fine-tuned": PretrainedEncoder(Model(), frozen=False).eval(),
+        "frozen": PretrainedEncoder(Model(), frozen=True).eval(),
+    }
+
+
+@pytest.mark.parametrize("kind", ["words", "fine-tuned", "frozen"])
+def test_padding_and_company_change_nothing(kind: str) -> None:
+    encoder = encoders()[kind]
+    out = encoder(TOKENS, VALID)
+    assert out.shape == (3, 3, 6)
+
+    wider = encoder(F.pad(TOKENS, (0, 2), value=5), F.pad(VALID, (0, 2)))
+    torch.testing.assert_close(out[VALID], wider[:, :3][VALID])
+    for row in range(3):
+        alone = encoder(TOKENS[row : row + 1, : VALID[row].sum()], VALID[row : row + 1, : VALID[row].sum()])
+        torch.testing.assert_close(out[row][VALID[row]], alone[0])
+
+
+@pytest.mark.parametrize("kind", ["words", "fine-tuned", "frozen"])
+def test_word_order_or_context_matters(kind: str) -> None:
+    encoder = encoders()[kind]
+    out = encoder(TOKENS, VALID)
+
+    assert not torch.allclose(out[0, 0], out[2, 0])  # the same first word, another instruction
+
+
+def test_a_frozen_encoder_is_asked_once_per_instruction() -> None:
+    model = Model()
+    encoder = PretrainedEncoder(model, frozen=True).train()
+
+    first = encoder(TOKENS, VALID)
+    again = encoder(TOKENS[[2, 0, 0, 1]], VALID[[2, 0, 0, 1]])
+
+    assert model.asked == 3
+    assert torch.equal(first[[2, 0, 0, 1]][VALID[[2, 0, 0, 1]]], again[VALID[[2, 0, 0, 1]]])
+    assert not first.requires_grad
+    assert not any(parameter.requires_grad for parameter in encoder.parameters())
+
+
+def test_a_frozen_encoder_forgets_the_least_recent() -> None:
+    model = Model()
+    encoder = PretrainedEncoder(model, frozen=True, remembered=2)
+    ask = [lambda row=row: encoder(TOKENS[row : row + 1], VALID[row : row + 1]) for row in range(3)]
+
+    for row, asked in [(0, 1), (1, 2), (0, 2), (2, 3), (0, 3), (1, 4)]:
+        ask[row]()
+        assert model.asked == asked
+
+
+def test_a_fine_tuned_encoder_has_dropout_and_gradients() -> None:
+    model = Model()
+    encoder = PretrainedEncoder(model, frozen=False).train()
+
+    out = encoder(TOKENS, VALID)
+
+    assert not torch.equal(out, encoder(TOKENS, VALID))
+    out.sum().backward()
+    assert model.embedding.weight.grad is not None
+
+
+def test_a_fine_tuned_encoder_reads_each_instruction_of_a_batch_once() -> None:
+    model = Model()
+    PretrainedEncoder(model, frozen=False)(TOKENS[[0, 0, 1, 0]], VALID[[0, 0, 1, 0]])
+
+    assert model.asked == 2
+
+
+def test_every_token_is_kept() -> None:
+    encoder = LanguageEncoder(WordEncoder(10, 6), 8)
+
+    assert encoder(TOKENS, VALID).shape == (3, 3, 8)

@@ -1,0 +1,108 @@
+"""A rollout replayed through the training forward pass gives the same codes and the same predictions at every step."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from tiny_networks import Batch, batch, lang_dt, lisa, run
+from torch import Tensor
+
+from lerobot_lisa.networks.episode_network import EpisodeNetwork
+from lerobot_lisa.networks.lang_dt import LangDT
+from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.transformer import Memory
+
+HORIZON = 3
+NETWORKS = {
+    "lisa": lisa(HORIZON),
+    "lisa_continuous": lisa(HORIZON, categorical=False),
+    "lisa_windowed": lisa(HORIZON, window=5),
+    "lisa_deep": lisa(HORIZON, window=5, layers=2),
+    "lisa_horizon_1": lisa(1),
+    "lisa_horizon_1_windowed": lisa(1, window=2),
+    "lang_dt": lang_dt(),
+    "lang_dt_continuous": lang_dt(categorical=False),
+    "lang_dt_windowed": lang_dt(window=4),
+    "lang_dt_window_of_one": lang_dt(window=1, layers=1),
+}
+EVERY = pytest.mark.parametrize("name", NETWORKS)
+
+
+@torch.no_grad()
+def roll_out(network: EpisodeNetwork, observations: dict[str, Tensor], words: Batch) -> tuple[Batch, Tensor, Tensor]:
+    """Act for T steps in B environments whose observations (B, T, ...) are given.
+
+    Returns:
+        What was seen and done as training episodes, predictions (B, T, ...) and the code of every step (B, T).
+    """
+    history = network.begin(words.tokens, words.valid)
+    outputs, codes, actions = [], [], []
+    batch_size, steps = observations["state"].shape[:2]
+    for step in range(steps):
+        outputs.append(network.act(history, {key: value[:, step].float() for key, value in observations.items()}))
+        history.actions = network.head.pick(outputs[-1])
+        actions.append(history.actions)
+        codes.append(history.codes if isinstance(network, Lisa) else torch.zeros(batch_size))
+    replay = batch([steps] * batch_size)
+    replay.tokens, replay.valid = words.tokens, words.valid
+    replay.observations = {key: value.flatten(0, 1) for key, value in observations.items()}
+    replay.actions = torch.stack(actions, 1).flatten(0, 1)
+    return replay, torch.stack(outputs, 1), torch.stack(codes, 1)
+
+
+def random_observations(environments: int, steps: int, seed: int = 0) -> dict[str, Tensor]:
+    flat = batch([steps] * environments, seed=seed).observations
+    return {key: value.unflatten(0, (environments, steps)) for key, value in flat.items()}
+
+
+@EVERY
+@given(steps=st.integers(1, 8 * HORIZON), environments=st.integers(1, 4), seed=st.integers(0, 3))
+def test_same_codes_and_predictions(name: str, steps: int, environments: int, seed: int) -> None:
+    network = NETWORKS[name]
+    words = batch([1] * environments, seed=seed)
+
+    replay, outputs, codes = roll_out(network, random_observations(environments, steps, seed), words)
+    expected, expected_codes = run(network, replay)
+
+    torch.testing.assert_close(outputs.flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
+    if isinstance(network, Lisa):
+        assert torch.equal(codes[:, :: network.horizon].flatten(), expected_codes)
+
+
+@EVERY
+def test_long_rollouts_outlast_memory_and_timesteps(name: str) -> None:
+    """150 steps: buffers have grown, windowed memories have forgotten many times, timesteps have run out."""
+    network = NETWORKS[name]
+
+    replay, outputs, _ = roll_out(network, random_observations(2, 150), batch([1, 1]))
+
+    torch.testing.assert_close(outputs.flatten(0, 1), run(network, replay)[0], atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "window"), [("lisa_windowed", 5), ("lang_dt_windowed", 2 * 4)])
+def test_memory_and_time_per_step_are_bounded(name: str, window: int) -> None:
+    network, words = NETWORKS[name], batch([1, 1])
+    prefix = words.tokens.shape[1]
+    history = network.begin(words.tokens, words.valid)
+    memory: Memory = history.policy if isinstance(network, LangDT) else history.predictor
+    sizes = []
+    for step in range(200):
+        network.act(history, {key: value[:, step] for key, value in random_observations(2, 200).items()})
+        history.actions = torch.zeros(2, 1)
+        sizes.append((memory.length, max(buffer.shape[3] for buffer in memory._keys_values)))
+
+    most = max(length for length, _ in sizes)
+    assert most <= 2 * (window + prefix) + HORIZON
+    assert most == max(length for length, _ in sizes[:60])  # it has stopped growing
+    assert all(capacity <= 64 for _, capacity in sizes)
+    if isinstance(network, Lisa):
+        assert history.policy.length <= 2 * HORIZON
+        assert len(history.unseen) < HORIZON
+
+
+def test_codes_last_a_horizon() -> None:
+    _, _, codes = roll_out(NETWORKS["lisa"], random_observations(8, 12 * HORIZON), batch([1] * 8))
+
+    chunks = codes.unflatten(1, (-1, HORIZON))
+    assert (chunks == chunks[..., :1]).all()
+    assert (chunks[:, 1:, 0] != chunks[:, :-1, 0]).any()  # the data would show a code that outlives its chunk
