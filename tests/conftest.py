@@ -2,7 +2,6 @@
 
 import os
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 # Both are read when LeRobot is imported: nothing is fetched, and nothing is left in the user's cache.
@@ -44,6 +43,6 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def lerobot_home() -> Iterator[Path]:
+def lerobot_home() -> Path:
     """Where LeRobot keeps its caches during the tests."""
-    yield Path(_home.name)
+    return Path(_home.name)
