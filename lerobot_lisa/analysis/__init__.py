@@ -1,0 +1,1 @@
+"""What a trained policy does: success rates, what skills mean, how training went."""
