@@ -8,8 +8,8 @@ from lerobot_lisa.analysis.training_curves import Run, draw, read_log, write_tab
 from lerobot_lisa.errors import UserError
 
 LOG = """ 'log_freq': 500,
-INFO 2026-01-01 00:00:00 ot_train.py:641 step:500 smpl:16K ep:218 lr:4.6e-04 perplexity:8.7 action_loss:0.279
-Training: 3%INFO 2026-01-01 00:00:00 ot_train.py:641 step:1K smpl:32K ep:436 loss:0.2 lr:1e-05 perplexity:9.5 action_loss:0.2
+INFO ot_train.py:641 step:500 smpl:16K ep:218 lr:4.6e-04 perplexity:8.7 action_loss:0.279
+Training: 3%INFO ot_train.py:641 step:1K smpl:32K ep:436 loss:0.2 lr:1e-05 perplexity:9.5 action_loss:0.2
 """
 
 
