@@ -59,6 +59,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self.config: EpisodePolicyConfig = config
         self._normalize = _normalizer(config, dataset_stats)
         self.network = self.make_network(self._action_bounds(dataset_stats))
+        config.image_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._store: EpisodeStore | None = None
         self._history: Any = None

@@ -1,0 +1,65 @@
+"""Every published configuration is what `lerobot-train --config_path` reads, and says what the paper says."""
+
+from pathlib import Path
+
+import draccus
+import pytest
+from lerobot.configs.train import TrainPipelineConfig
+
+import lerobot_lisa  # noqa: F401  registers lisa, lang_dt and babyai
+from lerobot_lisa.envs.babyai.levels import LEVELS
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+BABYAI = sorted(CONFIGS.glob("babyai/*/*.yaml"))
+
+
+def read(path: Path) -> TrainPipelineConfig:
+    with draccus.config_type("yaml"):
+        return draccus.parse(TrainPipelineConfig, str(path), args=[])
+
+
+def test_every_babyai_row_of_the_papers_table_is_there() -> None:
+    rows = {f"{level}_{size}" for level in ("gotoseq", "synthseq", "bosslevel") for size in ("1k", "10k", "100k")}
+    assert {path.parent.name for path in BABYAI} == rows
+    assert len(BABYAI) == 2 * len(rows)
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("**/*.yaml")), ids=lambda path: str(path.relative_to(CONFIGS)))
+def test_lerobot_train_reads_it(path: Path) -> None:
+    config = read(path)
+
+    assert isinstance(config.policy, EpisodePolicyConfig)
+    assert config.policy.type == path.stem
+    assert config.num_workers == 0
+    assert not config.policy.push_to_hub  # nobody who copies the command should publish by accident
+
+
+@pytest.mark.parametrize("path", BABYAI, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_names_agree(path: Path) -> None:
+    config, (level, size) = read(path), path.parent.name.split("_")
+
+    assert config.env is not None
+    assert config.env.task in LEVELS
+    assert config.env.task.lower() == level
+    assert config.dataset.repo_id == f"local/babyai_{level}_{size}"
+    assert f"{config.env.task} {size}" in path.read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in BABYAI}), ids=lambda folder: folder.name)
+def test_lisa_and_lang_dt_differ_only_in_the_policy(folder: Path) -> None:
+    """The comparison is of methods: same data, same number of steps, same rates."""
+    lisa, lang_dt = read(folder / "lisa.yaml"), read(folder / "lang_dt.yaml")
+
+    for name in ("batch_size", "steps", "seed", "dataset", "env"):
+        assert getattr(lisa, name) == getattr(lang_dt, name), name
+    for name in (
+        "optimizer_lr",
+        "scheduler",
+        "scheduler_warmup_steps",
+        "width",
+        "heads",
+        "dropout",
+        "language_encoder",
+    ):
+        assert getattr(lisa.policy, name) == getattr(lang_dt.policy, name), name
