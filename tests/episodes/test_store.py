@@ -1,0 +1,200 @@
+"""The episode store holds what LeRobot's own loader gives, value for value, whatever the files look like."""
+
+import json
+import shutil
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_datasets
+import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.dataset_tools import delete_episodes
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.datasets.sampler import EpisodeAwareSampler
+from torch import Tensor
+
+from dataset_converters.writer import DatasetLayout, Episode, write_dataset
+from lerobot_lisa.episodes.load import load_episodes
+from lerobot_lisa.episodes.store import EpisodeStore
+from lerobot_lisa.errors import UserError
+
+
+def open_meta(root: Path) -> LeRobotDatasetMetadata:
+    return LeRobotDatasetMetadata("local/tiny", root=root)
+
+
+def feature_keys(meta: LeRobotDatasetMetadata) -> list[str]:
+    return [key for key in meta.features if key.startswith(("observation", "action"))]
+
+
+def lerobot_windows(root: Path, keys: list[str]) -> list[dict[str, Tensor]]:
+    """Every whole episode as one window of LeRobot's `delta_timestamps`."""
+    meta = open_meta(root)
+    starts = list(meta.episodes["dataset_from_index"])
+    lengths = [stop - start for start, stop in zip(starts, meta.episodes["dataset_to_index"], strict=True)]
+    deltas = {key: [step / meta.fps for step in range(max(lengths))] for key in keys}
+    dataset = LeRobotDataset("local/tiny", root=root, delta_timestamps=deltas)
+    windows = []
+    for start, length in zip(starts, lengths, strict=True):
+        item = dataset[start]
+        assert item["action_is_pad"].sum() == max(lengths) - length
+        windows.append({key: item[key][:length] for key in keys})
+    return windows
+
+
+def assert_same_as_lerobot(root: Path, location: str = "memory") -> None:
+    meta = open_meta(root)
+    keys = feature_keys(meta)
+    store, windows = load_episodes(meta, keys, location), lerobot_windows(root, keys)
+    for episode, window in enumerate(windows):
+        columns, packing = store.gather(torch.tensor([episode]))
+        for key in keys:
+            feature, ours, theirs = meta.features[key], columns[key], window[key]
+            picture = feature["dtype"] == "image"
+            assert ours.dtype == (torch.uint8 if picture else getattr(torch, feature["dtype"]))
+            ours = ours.float() / 255 if picture else ours
+            assert torch.equal(ours.to(theirs.dtype).reshape(theirs.shape), theirs), (episode, key)
+            assert packing.lengths.tolist() == [len(theirs)]
+
+
+@pytest.mark.parametrize("location", ["memory", "disk"])
+@pytest.mark.parametrize("kind", ["symbolic", "continuous", "pictures"])
+def test_same_as_lerobots_windows(kind: str, location: str, request: pytest.FixtureRequest) -> None:
+    assert_same_as_lerobot(request.getfixturevalue(kind), location)
+
+
+def test_several_data_files(tmp_path: Path) -> None:
+    """Incompressible frames of 16 kB, so that LeRobot's smallest file limit, 1 MB, is passed."""
+    rng = np.random.default_rng(0)
+    noise = {"dtype": "float32", "shape": (4096,), "names": None}
+    features = {"observation.state": noise, "action": tiny_datasets.CLASSES}
+    episodes = [
+        Episode("go", {"observation.state": rng.random((n, 4096), dtype=np.float32), "action": rng.integers(0, 7, n)})
+        for n in [60, 30, 1, 50]
+    ]
+    write_dataset(tmp_path / "data", DatasetLayout("local/tiny", 10, features, data_files_size_in_mb=1), episodes)
+
+    assert len(list((tmp_path / "data").rglob("data/**/*.parquet"))) > 1
+    assert_same_as_lerobot(tmp_path / "data")
+
+
+def test_after_lerobot_has_deleted_episodes(symbolic: Path, tmp_path: Path) -> None:
+    edited = delete_episodes(
+        LeRobotDataset("local/tiny", root=symbolic), [1, 3], output_dir=tmp_path / "edited", repo_id="local/tiny"
+    )
+    assert edited.meta.total_episodes == 4
+
+    assert_same_as_lerobot(edited.root)
+    kept = load_episodes(open_meta(edited.root), ["action"]).gather(torch.arange(4)).columns["action"]
+    before = load_episodes(open_meta(symbolic), ["action"]).gather(torch.tensor([0, 2, 4, 5])).columns["action"]
+    assert torch.equal(kept, before)
+
+
+def test_episodes_in_any_order_and_repeated(symbolic: Path) -> None:
+    store = load_episodes(open_meta(symbolic), ["observation.grid", "action"])
+
+    columns, packing = store.gather(torch.tensor([4, 1, 4]))
+
+    once, _ = store.gather(torch.tensor([4]))
+    assert packing.lengths.tolist() == [23, 1, 23]
+    assert torch.equal(columns["observation.grid"][:23], once["observation.grid"])
+    assert torch.equal(columns["observation.grid"][24:], once["observation.grid"])
+
+
+def test_what_is_gathered_is_a_copy(symbolic: Path) -> None:
+    store = load_episodes(open_meta(symbolic), ["observation.grid"])
+    first, _ = store.gather(torch.tensor([0]))
+    expected = first["observation.grid"].clone()
+
+    first["observation.grid"].zero_()
+
+    assert torch.equal(store.gather(torch.tensor([0])).columns["observation.grid"], expected)
+
+
+def copied(root: Path, to: Path) -> Path:
+    shutil.copytree(root, to)
+    return to
+
+
+def folders(home: Path) -> set[Path]:
+    return set((home / "lisa_episode_store").glob("*"))
+
+
+def test_disk_reads_once_until_the_files_change(
+    pictures: Path, tmp_path: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, before = copied(pictures, tmp_path / "data"), folders(lerobot_home)
+    keys = feature_keys(open_meta(root))
+    first = load_episodes(open_meta(root), keys, "disk")
+    (made,) = folders(lerobot_home) - before
+    written = {path: path.stat().st_mtime_ns for path in made.iterdir()}
+
+    again = load_episodes(open_meta(root), keys, "disk")
+
+    assert folders(lerobot_home) - before == {made}
+    assert {path: path.stat().st_mtime_ns for path in made.iterdir()} == written
+    assert all(torch.equal(first.columns[key], again.columns[key]) for key in keys)
+    again.columns["action"].fill_(7)  # copy on write
+    assert torch.equal(load_episodes(open_meta(root), keys, "disk").columns["action"], first.columns["action"])
+
+    info = json.loads((root / "meta/info.json").read_text())
+    (root / "meta/info.json").write_text(json.dumps(info, indent=8))
+    load_episodes(open_meta(root), keys, "disk")
+    assert len(folders(lerobot_home) - before) == 2
+    load_episodes(open_meta(root), ["action"], "disk")
+    assert len(folders(lerobot_home) - before) == 3
+
+
+def test_an_interrupted_disk_store_is_made_again(
+    symbolic: Path, tmp_path: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, before = copied(symbolic, tmp_path / "data"), folders(lerobot_home)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("lerobot_lisa.episodes.load._values", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            load_episodes(open_meta(root), ["action"], "disk")
+    assert not [path for path in folders(lerobot_home) - before if "partial" not in path.name]
+
+    assert_same_as_lerobot(root, "disk")
+
+
+def test_missing_frames_are_a_user_error(symbolic: Path, tmp_path: Path) -> None:
+    root = copied(symbolic, tmp_path / "data")
+    info = json.loads((root / "meta/info.json").read_text())
+    for frames, message in [(57, "hold 56 frames"), (55, "hold frame 55")]:
+        (root / "meta/info.json").write_text(json.dumps({**info, "total_frames": frames}))
+        with pytest.raises(UserError, match=message):
+            load_episodes(open_meta(root), ["action"])
+
+
+def test_device_store_is_the_same(symbolic: Path) -> None:
+    store = load_episodes(open_meta(symbolic), ["observation.grid"])
+    moved = store.to("cpu")
+
+    assert torch.equal(
+        moved.gather(torch.tensor([2])).columns["observation.grid"],
+        store.gather(torch.tensor([2])).columns["observation.grid"],
+    )
+
+
+def test_every_frame_weighs_the_same_over_an_epoch(symbolic: Path) -> None:
+    """Exact: LeRobot's sampler draws frames, each draws its episode, whose loss is a mean over frames."""
+    meta = open_meta(symbolic)
+    starts, stops = list(meta.episodes["dataset_from_index"]), list(meta.episodes["dataset_to_index"])
+    store: EpisodeStore = load_episodes(meta, ["action"])
+    episode_of = [e for e, (a, b) in enumerate(zip(starts, stops, strict=True)) for _ in range(a, b)]
+    weight = [Fraction(0)] * meta.total_frames
+
+    for frame in EpisodeAwareSampler(starts, stops, shuffle=True, seed=0):
+        _, packing = store.gather(torch.tensor([episode_of[frame]]))
+        share = packing.mean(torch.eye(packing.total)[0]).item()  # of one frame in its episode's mean
+        for row in range(starts[episode_of[frame]], stops[episode_of[frame]]):
+            weight[row] += Fraction(share).limit_denominator(1000)
+
+    assert weight == [1] * meta.total_frames
