@@ -2,6 +2,7 @@
 
 import hashlib
 import shutil
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,17 +46,27 @@ def _mapped(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> dict[str, Ar
     """Columns as memory-mapped files, made once for each state of the dataset's files."""
     folder = HF_LEROBOT_HOME / "lisa_episode_store" / _fingerprint(meta, keys)
     if not folder.exists():
-        partial = folder.with_name(f"{folder.name}.partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-
-        def allocate(key: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
-            return np.lib.format.open_memmap(partial / f"{key}.npy", mode="w+", dtype=dtype, shape=shape)
-
-        _read(meta, keys, allocate)
-        partial.rename(folder)
+        _make_files(meta, keys, folder)
     # Copy-on-write: torch wants a writable array, and nothing must ever reach the files.
     return {key: np.load(folder / f"{key}.npy", mmap_mode="c") for key in keys}
+
+
+def _make_files(meta: "LeRobotDatasetMetadata", keys: Sequence[str], folder: Path) -> None:
+    """Build aside and rename; processes that train together may do so at the same time, and the first one wins."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent))
+
+    def allocate(key: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
+        return np.lib.format.open_memmap(partial / f"{key}.npy", mode="w+", dtype=dtype, shape=shape)
+
+    try:
+        _read(meta, keys, allocate)
+        partial.rename(folder)
+    except OSError:
+        if not folder.exists():
+            raise
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _fingerprint(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> str:

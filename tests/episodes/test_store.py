@@ -16,6 +16,7 @@ from lerobot.datasets.sampler import EpisodeAwareSampler
 from torch import Tensor
 
 from dataset_converters.writer import DatasetLayout, Episode, write_dataset
+from lerobot_lisa.episodes import load
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
@@ -159,9 +160,28 @@ def test_an_interrupted_disk_store_is_made_again(
         patch.setattr("lerobot_lisa.episodes.load._values", interrupted)
         with pytest.raises(KeyboardInterrupt):
             load_episodes(open_meta(root), ["action"], "disk")
-    assert not [path for path in folders(lerobot_home) - before if "partial" not in path.name]
+    assert folders(lerobot_home) == before
 
     assert_same_as_lerobot(root, "disk")
+
+
+def test_processes_that_make_the_same_disk_store_do_not_meet(
+    symbolic: Path, tmp_path: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second process starts and finishes while the first one is still reading."""
+    root, before = copied(symbolic, tmp_path / "data"), folders(lerobot_home)
+    values = load._values
+
+    def in_between(column: object) -> object:
+        monkeypatch.setattr(load, "_values", values)
+        load_episodes(open_meta(root), ["action"], "disk")
+        return values(column)
+
+    monkeypatch.setattr(load, "_values", in_between)
+    store = load_episodes(open_meta(root), ["action"], "disk")
+
+    assert torch.equal(store.columns["action"], load_episodes(open_meta(root), ["action"]).columns["action"])
+    assert len(folders(lerobot_home) - before) == 1
 
 
 def test_missing_frames_are_a_user_error(symbolic: Path, tmp_path: Path) -> None:
