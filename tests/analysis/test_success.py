@@ -1,0 +1,99 @@
+"""Success rates: known intervals, pooling, the command line, clear refusals."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lerobot_lisa.analysis.success import pool, read_outcomes, success_rate, summarise
+from lerobot_lisa.errors import UserError
+
+
+def write(path: Path, **tasks: list) -> Path:
+    """An eval_info.json whose tasks are named like `babyai_0`."""
+    names = [name.rsplit("_", 1) for name in tasks]
+    per_task = [
+        {"task_group": group, "task_id": int(task), "metrics": {"successes": listed, "video_paths": []}}
+        for (group, task), listed in zip(names, tasks.values(), strict=True)
+    ]
+    path.write_text(json.dumps({"per_task": per_task, "overall": {"pc_success": 0.0}}))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("successes", "episodes", "low", "high"),
+    # Newcombe (1998), Statistics in Medicine 17, table I, method 3.
+    [(81, 263, 25.53, 36.62), (15, 148, 6.24, 16.05), (0, 20, 0.0, 16.11), (1, 29, 0.61, 17.18)],
+)
+def test_published_wilson_intervals(successes: int, episodes: int, low: float, high: float) -> None:
+    rate = success_rate([True] * successes + [False] * (episodes - successes))
+    assert (rate.successes, rate.episodes) == (successes, episodes)
+    assert (rate.low, rate.high) == pytest.approx((low, high), abs=0.006)
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=300))
+def test_interval_holds_the_rate(outcomes: list[bool]) -> None:
+    rate = success_rate(outcomes)
+    assert 0 <= rate.low <= rate.percent + 1e-9
+    assert rate.percent - 1e-9 <= rate.high <= 100
+
+
+def test_tasks_groups_and_overall(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.json", babyai_0=[True, False], babyai_1=[True, True], other_0=[False])
+    rates = summarise(read_outcomes(path))
+    assert {name: (rate.successes, rate.episodes) for name, rate in rates.items()} == {
+        "babyai/0": (1, 2), "babyai/1": (2, 2), "other/0": (0, 1), "babyai": (3, 4), "other": (0, 1), "overall": (3, 5),
+    }  # fmt: skip
+
+
+def test_seeds_are_pooled_by_task(tmp_path: Path) -> None:
+    first = read_outcomes(write(tmp_path / "a.json", babyai_0=[True], babyai_1=[False]))
+    second = read_outcomes(write(tmp_path / "b.json", babyai_0=[False, True]))
+    assert pool([first, second]) == {("babyai", 0): [True, False, True], ("babyai", 1): [False]}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "not JSON"),
+        ("[]", "no successes per task"),
+        ('{"per_task": [{"task_group": "a", "task_id": 0, "metrics": {}}]}', "no successes per task"),
+        ('{"per_task": [{"task_group": "a", "task_id": 0, "metrics": {"successes": ["x"]}}]}', "no successes per task"),
+        ('{"per_task": [{"task_group": "a", "task_id": 0, "metrics": {"successes": []}}]}', "without any episode"),
+        ('{"per_task": []}', "without any episode"),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "notes.json"
+    path.write_text(text)
+    with pytest.raises(UserError, match=rf"notes\.json: .*{said}"):
+        read_outcomes(path)
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "lerobot_lisa.analysis.success", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_command_line(tmp_path: Path) -> None:
+    files = [write(tmp_path / f"{seed}.json", babyai_0=[True] * seed + [False] * 2) for seed in (1, 2)]
+
+    done = run(*files, "--json", tmp_path / "new" / "rates.json")
+
+    assert done.returncode == 0, done.stderr
+    lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    assert lines[0] == f"1/3 33.3 % (95 % interval 6.1 to 79.2 %) {files[0]}"
+    assert [line.split()[-1] for line in lines[2:]] == ["babyai/0", "babyai", "overall"]
+    assert lines[-1].startswith("3/7 42.9 %")
+    overall = json.loads((tmp_path / "new" / "rates.json").read_text())["rates"]["overall"]
+    assert (overall["successes"], overall["episodes"]) == (3, 7)
+
+
+def test_command_line_says_in_one_line_what_is_wrong(tmp_path: Path) -> None:
+    done = run(tmp_path / "absent.json")
+    assert done.returncode == 1
+    assert done.stderr == f"error: {tmp_path / 'absent.json'}: No such file or directory\n"
