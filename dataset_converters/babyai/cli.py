@@ -2,39 +2,17 @@
 
 import argparse
 import os
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dataset_converters.babyai.encodings import CellEncoding
-from dataset_converters.staging import refuse_existing
-from lerobot_lisa.errors import UserError
-
-if TYPE_CHECKING:
-    from dataset_converters.writer import DatasetTotals
-
-_EXTRA = 'pip install "lerobot_policy_lisa[babyai]"'
+from dataset_converters.commands import add_output_options, check_output, print_summary, run_command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for bad input, 2 for bad usage, 130 for Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    try:
-        options.run(options)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except ModuleNotFoundError as error:
-        if error.name not in ("minigrid", "blosc"):
-            raise
-        print(f"error: BabyAI needs {error.name}: {_EXTRA}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted; run the same command again to go on", file=sys.stderr)
-        return 130
-    return 0
+    return run_command(_parser(), arguments, extra="babyai", optional=("minigrid", "blosc"))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -58,8 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     convert.set_defaults(run=_convert)
 
     for command in (generate, convert):
-        command.add_argument("--root", required=True, type=Path, help="directory to create")
-        command.add_argument("--repo-id", required=True, help="name of the dataset, such as me/babyai_gotoseq_1k")
+        add_output_options(command, "me/babyai_gotoseq_1k")
     commands.add_parser("levels", help="list the levels").set_defaults(run=_levels)
     return parser
 
@@ -67,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
 def _generate(options: argparse.Namespace) -> None:
     from lerobot_lisa.envs.babyai.levels import check_level
 
-    _check_output(options)
+    check_output(options)
     check_level(options.level)  # before the seconds that importing LeRobot takes
     from dataset_converters.babyai.generate import GenerateSettings, generate
 
@@ -78,11 +55,11 @@ def _generate(options: argparse.Namespace) -> None:
         )
     )
     seeds = f"seeds {options.first_seed} to {result.last_seed}, {result.failures} failures left out"
-    _summary(options, result.totals, seeds, time.monotonic() - started)
+    print_summary(options, result.totals, seeds, time.monotonic() - started)
 
 
 def _convert(options: argparse.Namespace) -> None:
-    _check_output(options)
+    check_output(options)
     from dataset_converters.babyai.convert import ConvertSettings, convert
 
     started = time.monotonic()
@@ -92,25 +69,10 @@ def _convert(options: argparse.Namespace) -> None:
             options.source, options.root, options.repo_id, options.level, options.limit, options.subset_seed, encoding
         )
     )
-    _summary(options, totals, f"from {options.source}", time.monotonic() - started)
+    print_summary(options, totals, f"from {options.source}", time.monotonic() - started)
 
 
 def _levels(options: argparse.Namespace) -> None:
     from lerobot_lisa.envs.babyai.levels import level_names
 
     print(*level_names(), sep="\n")
-
-
-def _check_output(options: argparse.Namespace) -> None:
-    refuse_existing(options.root)
-    if options.repo_id.count("/") != 1 or not all(options.repo_id.split("/")):
-        raise UserError(f"--repo-id {options.repo_id!r} must look like user/name")
-
-
-def _summary(options: argparse.Namespace, totals: "DatasetTotals", origin: str, seconds: float) -> None:
-    print(
-        f"{totals.episodes:,} episodes, {totals.frames:,} frames, {totals.tasks:,} distinct instructions "
-        f"({origin}) in {seconds:.1f} s -> {options.root}\n"
-        f"next: lerobot-train --policy.type=lisa --dataset.repo_id={options.repo_id} --dataset.root={options.root} "
-        f"--policy.push_to_hub=false --output_dir=outputs/{options.repo_id.split('/')[1]}"
-    )

@@ -1,0 +1,67 @@
+"""What the command lines of all data sets share: exit codes, checks of the output, the closing lines."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dataset_converters.staging import refuse_existing
+from lerobot_lisa.errors import UserError
+
+if TYPE_CHECKING:
+    from dataset_converters.writer import DatasetTotals
+
+
+def run_command(
+    parser: argparse.ArgumentParser, arguments: Sequence[str] | None, extra: str, optional: Sequence[str]
+) -> int:
+    """Run the command that `parser` finds, a function in `run`, and return the exit code.
+
+    Args:
+        parser: each of its commands sets `run`.
+        arguments: of the command line; None takes the program's own.
+        extra: the extra of the distribution that installs what the commands need.
+        optional: the modules of that extra.
+
+    Returns:
+        0, 1 for bad input, 130 for Ctrl-C; bad usage ends the program with 2.
+    """
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        if error.name not in optional:
+            raise
+        print(f'error: {error.name} is missing: pip install "lerobot_policy_lisa[{extra}]"', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted; run the same command again to go on", file=sys.stderr)
+        return 130
+    return 0
+
+
+def add_output_options(command: argparse.ArgumentParser, example: str) -> None:
+    """Add --root and --repo-id; `example` is a dataset's name."""
+    command.add_argument("--root", required=True, type=Path, help="directory to create")
+    command.add_argument("--repo-id", required=True, help=f"name of the dataset, such as {example}")
+
+
+def check_output(options: argparse.Namespace) -> None:
+    """Raise `UserError` if there is something at --root, or if --repo-id is not user/name."""
+    refuse_existing(options.root)
+    if options.repo_id.count("/") != 1 or not all(options.repo_id.split("/")):
+        raise UserError(f"--repo-id {options.repo_id!r} must look like user/name")
+
+
+def print_summary(options: argparse.Namespace, totals: "DatasetTotals", origin: str, seconds: float) -> None:
+    """Say what was made, and what to type next."""
+    print(
+        f"{totals.episodes:,} episodes, {totals.frames:,} frames, {totals.tasks:,} distinct instructions "
+        f"({origin}) in {seconds:.1f} s -> {options.root}\n"
+        f"next: lerobot-train --policy.type=lisa --dataset.repo_id={options.repo_id} --dataset.root={options.root} "
+        f"--policy.push_to_hub=false --output_dir=outputs/{options.repo_id.split('/')[1]}"
+    )

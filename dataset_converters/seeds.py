@@ -1,0 +1,31 @@
+"""Ranges of seeds: which seeds may make training data, and how a run is cut into shards."""
+
+from typing import NamedTuple
+
+from lerobot_lisa.errors import UserError
+
+FIRST_TRAINING_SEED = 1_000_000
+"""Seeds below are reserved for evaluation, so that no evaluated episode can be in the training data."""
+
+
+class SeedRange(NamedTuple):
+    """The seeds from `first` up to but not including `stop`."""
+
+    first: int
+    stop: int
+
+
+def split_seeds(seeds: SeedRange, size: int) -> list[SeedRange]:
+    """Cut a range into ranges of `size` seeds; the last one may be shorter."""
+    return [SeedRange(start, min(start + size, seeds.stop)) for start in range(seeds.first, seeds.stop, size)]
+
+
+def check_run(episodes: int, workers: int, first_seed: int) -> None:
+    """Raise `UserError` for a number of episodes, of workers or a first seed that no run can have."""
+    if episodes < 1 or workers < 1:
+        raise UserError("--episodes and --workers must be at least 1")
+    if first_seed < FIRST_TRAINING_SEED:
+        raise UserError(
+            f"--first-seed {first_seed} is reserved: seeds below {FIRST_TRAINING_SEED} are for evaluation, "
+            f"so that no policy is trained on them; use {FIRST_TRAINING_SEED} or more"
+        )
