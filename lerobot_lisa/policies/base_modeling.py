@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from huggingface_hub import ModelCard
+from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.lerobot_types import TransitionKey
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import NormalizerProcessorStep
@@ -123,7 +124,8 @@ class EpisodePolicy(PreTrainedPolicy):
 
     def _scaled(self, frames: dict[str, Tensor]) -> dict[str, Tensor]:
         """What the preprocessor does to observations and actions in a rollout, done to stored ones."""
-        observations = {key: value for key, value in frames.items() if key != ACTION}
+        observations = {key: _unit_range(value, self.config.input_features.get(key)) for key, value in frames.items()}
+        del observations[ACTION]
         scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: frames[ACTION]})
         return {**scaled[TransitionKey.OBSERVATION], ACTION: scaled[TransitionKey.ACTION]}
 
@@ -208,6 +210,13 @@ def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") ->
     if config.language_encoder == WORDS and not config.vocabulary:
         config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
         logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))
+
+
+def _unit_range(stored: Tensor, feature: PolicyFeature | None) -> Tensor:
+    """Pictures wait in the store as bytes; rollouts and statistics have them in 0..1."""
+    if feature is None or feature.type is not FeatureType.VISUAL:
+        return stored
+    return stored.float() / 255 if stored.dtype == torch.uint8 else stored
 
 
 def _normalizer(config: EpisodePolicyConfig, stats: dict[str, dict[str, Any]] | None) -> NormalizerProcessorStep:
