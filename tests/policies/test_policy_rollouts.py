@@ -1,0 +1,227 @@
+"""Rollouts through LeRobot's pipelines, replayed through the very forward pass that trains."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tiny_datasets
+import torch
+from lerobot.configs import NormalizationMode
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import ACTION
+from tiny_policies import Training, training
+from torch import Tensor
+
+from lerobot_lisa.networks.packing import Packing
+
+HORIZON = 3
+NORMALISED = {
+    "STATE": NormalizationMode.MEAN_STD,
+    "ACTION": NormalizationMode.MEAN_STD,
+    "VISUAL": NormalizationMode.MEAN_STD,
+    "ENV": NormalizationMode.IDENTITY,
+}
+BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
+TASKS = ["go", "pick up the grey key, then put it next to the blue box", "open a door", "go to the red ball"]
+
+
+def live_observations(made: Training, environments: int, steps: int) -> dict[str, Tensor]:
+    """What LeRobot hands a policy in a rollout, (B, T, *shape): float32, pictures in 0..1."""
+    random = torch.Generator().manual_seed(5)
+    batches = {}
+    for key, feature in made.policy.config.input_features.items():
+        shape = (environments, steps, *feature.shape)
+        if made.dataset.meta.features[key]["dtype"] == "uint8":
+            batches[key] = torch.randint(0, 11, shape, generator=random).float()
+        elif feature.type.value == "VISUAL":
+            batches[key] = torch.randint(0, 256, shape, generator=random).float() / 255
+        else:
+            batches[key] = 5 + 3 * torch.randn(shape, generator=random)
+    return batches
+
+
+def step_batch(made: Training, observations: dict[str, Tensor], step: int, tasks: list[str]) -> dict[str, Any]:
+    now = {key: value[:, step] for key, value in observations.items()}
+    return made.preprocessor({**now, "task": tasks})
+
+
+@torch.no_grad()
+def assert_rollout_is_training(made: Training, steps: int) -> None:
+    """Act, then predict the same frames and actions as whole episodes."""
+    policy, observations = made.policy, live_observations(made, len(TASKS), steps)
+    policy.reset()
+    outputs, actions, codes = [], [], []
+    for step in range(steps):
+        batch = step_batch(made, observations, step, TASKS)
+        outputs.append(policy.action_outputs(batch))
+        actions.append(policy._history.actions)
+        codes.append(getattr(policy, "skill_codes", None))
+    frames = made.policy._scaled(
+        {
+            **{key: value.flatten(0, 1) for key, value in observations.items()},
+            ACTION: torch.zeros(steps * len(TASKS), policy.config.action_feature.shape[0]),
+        }
+    )
+    frames.pop(ACTION)
+    tokens, valid = batch["observation.language.tokens"], batch["observation.language.attention_mask"]
+    packing = Packing(torch.full((len(TASKS),), steps))
+    expected, _, _ = policy.predict(tokens, valid, frames, torch.stack(actions, 1).flatten(0, 1), packing)
+
+    torch.testing.assert_close(torch.stack(outputs, 1).flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
+    if codes[0] is not None:
+        language = policy.network.language(tokens, valid)
+        said = policy.network.predictor(language, valid, frames, packing, HORIZON)
+        assert torch.equal(torch.stack(codes[::HORIZON], 1).flatten(), policy.network.codebook(said).codes)
+
+
+@BOTH
+@pytest.mark.parametrize("data", ["symbolic", "continuous", "pictures"])
+def test_rollout_is_training(kind: str, data: str, request: pytest.FixtureRequest) -> None:
+    settings = {} if data == "symbolic" else {"normalization_mapping": NORMALISED}
+    made = training(kind, request.getfixturevalue(data), **settings).warm_up()
+
+    assert_rollout_is_training(made, steps=4 * HORIZON + 2)
+
+
+@BOTH
+@pytest.mark.parametrize("head", ["bins", "mixture"])
+def test_other_action_heads(kind: str, head: str, continuous: Path) -> None:
+    made = training(kind, continuous, normalization_mapping=NORMALISED, action_head=head).warm_up()
+
+    assert_rollout_is_training(made, steps=2 * HORIZON)
+
+
+@BOTH
+def test_rollouts_longer_than_any_training_episode(kind: str, symbolic: Path) -> None:
+    made = training(kind, symbolic, max_timesteps=5).warm_up()
+
+    assert_rollout_is_training(made, steps=40)
+
+
+@BOTH
+@pytest.mark.parametrize("data", ["symbolic", "continuous", "pictures"])
+def test_stored_frames_are_scaled_as_the_preprocessor_scales(
+    kind: str, data: str, request: pytest.FixtureRequest
+) -> None:
+    """The store's path and the loader's path end in the same numbers."""
+    settings = {} if data == "symbolic" else {"normalization_mapping": NORMALISED}
+    made = training(kind, request.getfixturevalue(data), **settings)
+    frames, _ = made.policy.episode_store.gather(torch.arange(made.dataset.num_episodes))
+    scaled = made.policy._scaled(frames)
+    loaded = made.batch(range(len(made.dataset)))
+
+    for key in [*made.policy.config.input_features, ACTION]:
+        ours = scaled[key].float()
+        ours = ours / 255 if scaled[key].dtype == torch.uint8 and "images" in key else ours
+        torch.testing.assert_close(ours.reshape(loaded[key].shape), loaded[key].float(), atol=1e-6, rtol=1e-6)
+        if settings and "images" not in key:
+            assert ours.mean().abs() < 0.1
+            assert ours.std() == pytest.approx(1, abs=0.1)
+
+
+@BOTH
+def test_actions_have_the_shape_lerobot_wants(kind: str, symbolic: Path, continuous: Path) -> None:
+    for root, size in [(symbolic, 1), (continuous, 2)]:
+        made = training(kind, root).warm_up()
+        observations = live_observations(made, 3, 2)
+        batch = step_batch(made, observations, 0, TASKS[:3])
+
+        actions = made.postprocessor(made.policy.select_action(batch))
+        made.policy.reset()
+        chunk = made.policy.predict_action_chunk(batch)
+
+        assert actions.shape == (3, size)
+        assert actions.dtype == torch.float32
+        assert chunk.shape == (3, 1, size)
+
+
+def actions_of(made: Training, observations: dict[str, Tensor], steps: range, tasks: list[str]) -> list[Tensor]:
+    return [made.policy.action_outputs(step_batch(made, observations, step, tasks)) for step in steps]
+
+
+@BOTH
+def test_reset_forgets_everything(kind: str, continuous: Path) -> None:
+    made = training(kind, continuous).warm_up()
+    observations = live_observations(made, 2, 8)
+    first = actions_of(made, observations, range(8), TASKS[:2])
+
+    continued = actions_of(made, observations, range(8), TASKS[:2])
+    made.policy.reset()
+    again = actions_of(made, observations, range(8), TASKS[:2])
+
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not all(torch.allclose(a, b) for a, b in zip(first, continued, strict=True))
+
+
+@BOTH
+def test_another_instruction_starts_over(kind: str, continuous: Path) -> None:
+    made = training(kind, continuous).warm_up()
+    observations = live_observations(made, 2, 8)
+    made.policy.reset()
+    fresh = actions_of(made, observations, range(4, 8), ["open a door", "go"])
+
+    made.policy.reset()
+    actions_of(made, observations, range(4), ["open a door", "open a door"])
+    changed = actions_of(made, observations, range(4, 8), ["open a door", "go"])
+
+    assert all(torch.equal(a, b) for a, b in zip(fresh, changed, strict=True))
+
+
+@BOTH
+def test_drawn_actions_are_exact(kind: str, symbolic: Path) -> None:
+    """Rollout k draws the same whatever else uses random numbers; rollouts differ; temperature 0 draws nothing."""
+    made = training(kind, symbolic).warm_up()
+    observations = live_observations(made, 4, 10)
+
+    def rollouts(policy_of: Training, noise: int) -> list[Tensor]:
+        policy_of.policy._rollouts = 0
+        torch.manual_seed(noise)
+        drawn = []
+        for _ in range(2):
+            policy_of.policy.reset()
+            steps = [policy_of.policy.select_action(step_batch(policy_of, observations, t, TASKS)) for t in range(10)]
+            drawn.append(torch.stack(steps))
+        return drawn
+
+    first, second = rollouts(made, 0), rollouts(made, 1)
+    assert all(torch.equal(a, b) for a, b in zip(first, second, strict=True))
+    assert not torch.equal(first[0], first[1])
+    greedy = rollouts(training(kind, symbolic, action_temperature=0.0).warm_up(), 0)
+    assert torch.equal(greedy[0], greedy[1])
+
+
+@BOTH
+def test_rollouts_change_no_buffer_and_no_weight(kind: str, symbolic: Path) -> None:
+    made = training(kind, symbolic).warm_up()
+    made.policy.train()
+    before = {key: value.clone() for key, value in made.policy.state_dict().items()}
+
+    actions_of(made, live_observations(made, 4, 10), range(10), TASKS)
+
+    assert not made.policy.training
+    assert all(torch.equal(before[key], value) for key, value in made.policy.state_dict().items())
+
+
+def test_the_skill_in_use_can_be_read(symbolic: Path) -> None:
+    made = training("lisa", symbolic).warm_up()
+    assert made.policy.skill_codes is None
+
+    actions_of(made, live_observations(made, 4, 1), range(1), TASKS)
+
+    assert made.policy.skill_codes.shape == (4,)
+
+
+def test_a_single_frame_dataset_trains(tmp_path: Path) -> None:
+    root = tiny_datasets.symbolic(tmp_path / "data", lengths=[1])
+    for kind in ("lisa", "lang_dt"):
+        loss, _ = training(kind, root).policy.forward(Training.batch(training(kind, root), [0]))
+        assert torch.isfinite(loss)
+
+
+def test_training_needs_a_dataset(symbolic: Path) -> None:
+    made = training("lisa", symbolic)
+    alone = type(made.policy)(made.policy.config)
+
+    with pytest.raises(ValueError, match="learns from whole episodes"):
+        alone.forward(made.batch([0]))
+    assert isinstance(made.dataset, LeRobotDataset)
