@@ -1,6 +1,5 @@
 """Instructions to token ids, by a preprocessor step that carries its whole tokenizer: checkpoints need no download."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -23,8 +22,14 @@ REMEMBERED = 200_000  # instructions whose token ids are kept
 
 def build_vocabulary(instructions: Iterable[str], limit: int = 10_000) -> list[str]:
     """Words of a set of instructions, the most frequent `limit` of them, in alphabetical order."""
-    counts = Counter(word for text in instructions for word in re.findall(r"\w+|[^\w\s]+", text.lower()))
+    counts = Counter(word for text in instructions for word in _words(text))
     return sorted(word for word, _ in counts.most_common(limit))
+
+
+def _words(text: str) -> list[str]:
+    """Split as `word_tokenizer` does: Python's `lower` and `\\w` differ from its in several scripts."""
+    lower = normalizers.Lowercase().normalize_str(text)
+    return [word for word, _ in pre_tokenizers.Whitespace().pre_tokenize_str(lower)]
 
 
 def word_tokenizer(vocabulary: list[str]) -> Tokenizer:
