@@ -11,7 +11,7 @@ from lerobot.optim.schedulers import (
     CosineAnnealingWithWarmupSchedulerConfig,
     LRSchedulerConfig,
 )
-from lerobot.utils.constants import ACTION
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE
 
 from lerobot_lisa.errors import UserError
 
@@ -170,14 +170,22 @@ class EpisodePolicyConfig(PreTrainedConfig):
             features: The dataset's `info.json` features.
             stats: Its statistics; tell how many actions there are where `info.json` does not.
             longest: Frames in its longest episode.
+
+        Raises:
+            UserError: Symbols or actions are more than the networks have room for.
         """
         for key, feature in (self.input_features or {}).items():
             if feature.type is FeatureType.STATE and _is_integer(features.get(key, {})):
+                _check_symbols(key, stats)
                 self.input_features[key] = PolicyFeature(
                     FeatureType.ENV, feature.shape
                 )  # out of reach of STATE scaling
+            elif key == OBS_ENV_STATE and key in features and not _is_integer(features[key]):
+                # LeRobot calls it ENV whatever it holds; as symbols, real numbers would be cut to integers.
+                self.input_features[key] = PolicyFeature(FeatureType.STATE, feature.shape)
         if self.action_classes is None:
             self.action_classes = _count_classes(features.get(ACTION, {}), stats)
+        _check_classes(self.action_classes, stats)
         if self.max_timesteps is None:
             self.max_timesteps = longest
 
@@ -241,6 +249,30 @@ class EpisodePolicyConfig(PreTrainedConfig):
 
 def _is_integer(feature: dict[str, Any]) -> bool:
     return str(feature.get("dtype", "")).startswith(("int", "uint"))
+
+
+def _check_symbols(key: str, stats: dict[str, Any] | None) -> None:
+    low, high = _range(key, stats) or (0, 0)
+    if low < 0 or high >= GRID_SYMBOLS:
+        raise UserError(
+            f"`{key}` holds integers from {low} to {high}, but symbols are 0..{GRID_SYMBOLS - 1}: "
+            "store it as real numbers, or leave it out of --policy.input_features"
+        )
+
+
+def _check_classes(classes: int, stats: dict[str, Any] | None) -> None:
+    low, high = _range(ACTION, stats) or (0, 0)
+    if classes and (low < 0 or high >= classes):
+        raise UserError(
+            f"--policy.action_classes={classes} does not fit the dataset, whose actions are {low} to {high}: "
+            f"pass {high + 1} or more, or 0 to treat them as real numbers"
+        )
+
+
+def _range(key: str, stats: dict[str, Any] | None) -> tuple[int, int] | None:
+    """Least and greatest value of a feature, where the statistics tell."""
+    known = (stats or {}).get(key, {})
+    return (int(known["min"].min()), int(known["max"].max())) if {"min", "max"} <= known.keys() else None
 
 
 def _count_classes(feature: dict[str, Any], stats: dict[str, Any] | None) -> int:

@@ -1,0 +1,193 @@
+"""What a configuration learns from a dataset, and one clear line for everything that cannot work."""
+
+from pathlib import Path
+from typing import Any
+
+import draccus
+import numpy as np
+import pytest
+import tiny_datasets
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+from tiny_policies import config, training
+
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+
+BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
+GRID = PolicyFeature(FeatureType.STATE, (147,))
+CAMERA = PolicyFeature(FeatureType.VISUAL, (3, 8, 6))
+ACTION = PolicyFeature(FeatureType.ACTION, (1,))
+MEAN_STD = {"STATE": NormalizationMode.IDENTITY, "ACTION": NormalizationMode.MEAN_STD}
+
+
+def described(
+    kind: str = "lisa", features: dict[str, Any] | None = None, stats: Any = None, **settings: Any
+) -> EpisodePolicyConfig:
+    features = features or {"observation.grid": tiny_datasets.GRID, "action": tiny_datasets.CLASSES}
+    settings = {"input_features": {"observation.grid": GRID}, "output_features": {"action": ACTION}, **settings}
+    cfg = config(kind, **settings)
+    cfg.describe_dataset(features, stats, longest=23)
+    return cfg
+
+
+@BOTH
+def test_integer_observations_are_symbols_and_integer_actions_categorical(kind: str) -> None:
+    cfg = described(kind)
+    cfg.validate_features()
+
+    assert cfg.input_features["observation.grid"] == PolicyFeature(FeatureType.ENV, (147,))
+    assert (cfg.action_classes, cfg.max_timesteps) == (7, 23)
+
+
+def test_real_observations_are_states_whatever_they_are_called() -> None:
+    """LeRobot gives `observation.environment_state` the type ENV; its numbers must not be cut to integers."""
+    key = "observation.environment_state"
+    cfg = described(
+        features={key: tiny_datasets.STATE, "action": tiny_datasets.MOVE},
+        input_features={key: PolicyFeature(FeatureType.ENV, (3,))},
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (2,))},
+    )
+
+    assert cfg.input_features[key] == PolicyFeature(FeatureType.STATE, (3,))
+    assert cfg.action_classes == 0
+
+
+def test_classes_from_statistics_where_names_do_not_tell() -> None:
+    unnamed = {"observation.grid": tiny_datasets.GRID, "action": {"dtype": "int64", "shape": (1,), "names": ["action"]}}
+
+    assert described(features=unnamed, stats={"action": {"max": np.array([4])}}).action_classes == 5
+    with pytest.raises(UserError, match=r"pass --policy\.action_classes=N"):
+        described(features=unnamed)
+
+
+def test_what_the_user_has_set_stays() -> None:
+    cfg = described(action_classes=9, max_timesteps=200)
+
+    assert (cfg.action_classes, cfg.max_timesteps) == (9, 200)
+
+
+def test_a_real_dataset_is_described_whole(symbolic: Path) -> None:
+    cfg = training("lisa", symbolic).policy.config
+
+    assert {key: feature.type for key, feature in cfg.input_features.items()} == {
+        "observation.grid": FeatureType.ENV,
+        "observation.direction": FeatureType.ENV,
+    }
+    assert (cfg.action_classes, cfg.max_timesteps) == (7, max(tiny_datasets.LENGTHS))
+    assert "ball" in cfg.vocabulary
+
+
+BAD_FEATURES = {
+    "no observation": ({"input_features": {}}, r"needs at least one observation"),
+    "no action": ({"output_features": {}}, r"needs a feature called `action`"),
+    "action of two axes": (
+        {"output_features": {"action": PolicyFeature(FeatureType.ACTION, (2, 3))}},
+        r"takes a flat action, but `action` has shape \(2, 3\)",
+    ),
+    "two categorical actions": (
+        {"output_features": {"action": PolicyFeature(FeatureType.ACTION, (2,))}},
+        r"a categorical action has shape \(1,\), this one \(2,\)",
+    ),
+    "normalised categories": ({"normalization_mapping": MEAN_STD}, "a categorical action cannot be normalised"),
+    "normalised symbols": (
+        {"normalization_mapping": {"ENV": NormalizationMode.MIN_MAX}},
+        "ENV features hold symbols, which cannot be normalised",
+    ),
+    "flat image": (
+        {"input_features": {"observation.image": PolicyFeature(FeatureType.VISUAL, (8, 6))}},
+        r"image `observation.image` has shape \(8, 6\)",
+    ),
+    "empty state": (
+        {"input_features": {"observation.state": PolicyFeature(FeatureType.STATE, (0,))}},
+        r"`observation.state` has the empty shape \(0,\)",
+    ),
+    "unknown type": (
+        {"input_features": {"observation.reward": PolicyFeature(FeatureType.REWARD, (1,))}},
+        r"cannot read `observation.reward` of type REWARD",
+    ),
+    "ignored everything": ({"ignored_action_dimensions": [0]}, "must leave at least one of the 1 dimensions"),
+    "ignored nothing there": ({"ignored_action_dimensions": [3]}, r"ignored_action_dimensions=\[3\]"),
+}
+
+
+@BOTH
+@pytest.mark.parametrize("case", BAD_FEATURES)
+def test_features_that_cannot_work(kind: str, case: str) -> None:
+    settings, message = BAD_FEATURES[case]
+
+    with pytest.raises(UserError, match=message) as caught:
+        described(kind, **settings).validate_features()
+    assert "\n" not in str(caught.value)
+
+
+BAD_SETTINGS = {
+    "width": 7,
+    "heads": 3,
+    "episode_store": "cloud",
+    "scheduler": "linear",
+    "dtype": "int8",
+    "action_head": "diffusion",
+    "action_bins": 1,
+    "action_temperature": -1.0,
+}
+BAD_LISA = {
+    "horizon": 0,
+    "codebook_size": 0,
+    "code_width": 0,
+    "predictor_layers": 0,
+    "policy_layers": 0,
+    "codebook_decay": 1.0,
+}
+BAD_LANG_DT = {"layers": 0, "padding_waste": 1.5}
+CASES = [
+    *(("lisa", *item) for item in {**BAD_SETTINGS, **BAD_LISA}.items()),
+    *(("lang_dt", *item) for item in {**BAD_SETTINGS, **BAD_LANG_DT}.items()),
+]
+
+
+@pytest.mark.parametrize(("kind", "name", "value"), CASES)
+def test_settings_that_cannot_work(kind: str, name: str, value: Any) -> None:
+    with pytest.raises(UserError, match=rf"--policy\.{name}") as caught:
+        config(kind, **{name: value})
+    assert "\n" not in str(caught.value)
+
+
+@BOTH
+def test_config_json_round_trip(kind: str, tmp_path: Path) -> None:
+    cfg = described(
+        kind,
+        language_encoder="somewhere/else",
+        language_model={"model_type": "distilbert", "dim": 32, "dropout": 0.1, "tie": True, "architectures": ["A"]},
+        vocabulary=["go", "to"],
+        ignored_action_dimensions=[],
+        optimizer_lr_language=3e-6,
+        normalization_mapping={"STATE": NormalizationMode.MEAN_STD, "ENV": NormalizationMode.IDENTITY},
+    )
+    cfg.save_pretrained(tmp_path)
+
+    loaded = PreTrainedConfig.from_pretrained(tmp_path)
+
+    assert type(loaded) is type(cfg)
+    assert draccus.encode(loaded) == draccus.encode(cfg)
+    assert loaded.language_model == cfg.language_model
+    assert loaded.input_features == cfg.input_features
+
+
+def test_action_classes_that_the_dataset_passes_are_refused(symbolic: Path) -> None:
+    with pytest.raises(UserError, match=r"--policy\.action_classes=3"):
+        training("lisa", symbolic, action_classes=3)
+
+
+def test_symbols_beyond_the_vocabulary_are_refused(tmp_path: Path) -> None:
+    """Cutting them would make different observations alike without a word."""
+    features = {
+        "observation.count": {"dtype": "int64", "shape": (2,), "names": ["a", "b"]},
+        "action": tiny_datasets.CLASSES,
+    }
+    stats = {"observation.count": {"min": np.array([0, 0]), "max": np.array([3, 16])}}
+    inputs = {"observation.count": PolicyFeature(FeatureType.STATE, (2,))}
+
+    with pytest.raises(UserError, match=r"`observation\.count` holds integers from 0 to 16"):
+        described(features=features, stats=stats, input_features=inputs)
+    stats["observation.count"]["max"][1] = 15
+    described(features=features, stats=stats, input_features=inputs).validate_features()
