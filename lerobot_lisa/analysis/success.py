@@ -8,7 +8,7 @@ Several files, such as one for each training seed, are pooled.
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -101,12 +101,12 @@ def summarise(outcomes: Mapping[tuple[str, int], list[bool]]) -> dict[str, Succe
     return {name: success_rate(listed) for name, listed in named.items()}
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Command line; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path, help="eval_info.json of one or several evaluations")
     parser.add_argument("--json", type=Path, help="also write the numbers to this file")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     try:
         outcomes = [read_outcomes(path) for path in options.files]
     except UserError as error:

@@ -1,15 +1,13 @@
 """Success rates: known intervals, pooling, the command line, clear refusals."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lerobot_lisa.analysis.success import pool, read_outcomes, success_rate, summarise
+from lerobot_lisa.analysis.success import main, pool, read_outcomes, success_rate, summarise
 from lerobot_lisa.errors import UserError
 
 
@@ -74,18 +72,12 @@ def test_other_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
         read_outcomes(path)
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "lerobot_lisa.analysis.success", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def test_command_line(tmp_path: Path) -> None:
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [write(tmp_path / f"{seed}.json", babyai_0=[True] * seed + [False] * 2) for seed in (1, 2)]
 
-    done = run(*files, "--json", tmp_path / "new" / "rates.json")
+    assert main([*map(str, files), "--json", str(tmp_path / "new" / "rates.json")]) == 0
 
-    assert done.returncode == 0, done.stderr
-    lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines[0] == f"1/3 33.3 % (95 % interval 6.1 to 79.2 %) {files[0]}"
     assert [line.split()[-1] for line in lines[2:]] == ["babyai/0", "babyai", "overall"]
     assert lines[-1].startswith("3/7 42.9 %")
@@ -93,7 +85,6 @@ def test_command_line(tmp_path: Path) -> None:
     assert (overall["successes"], overall["episodes"]) == (3, 7)
 
 
-def test_command_line_says_in_one_line_what_is_wrong(tmp_path: Path) -> None:
-    done = run(tmp_path / "absent.json")
-    assert done.returncode == 1
-    assert done.stderr == f"error: {tmp_path / 'absent.json'}: No such file or directory\n"
+def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "absent.json")]) == 1
+    assert capsys.readouterr().err == f"error: {tmp_path / 'absent.json'}: No such file or directory\n"
