@@ -32,6 +32,7 @@ class EpisodePolicyConfig(PreTrainedConfig):
         image_backbone: A torchvision resnet for image features instead of four convolutions.
         image_backbone_weights: Its weights at the start by torchvision's name, such as "DEFAULT"; None: from scratch.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
+            Filled in if empty and the dataset's `action` feature names them in its `info`, as {"ignored": ["wrist"]}.
         action_head: For real-valued actions: "mean" (the paper's), "bins" or "mixture" (of Gaussians).
         action_amplification: Factor on the mean of "mean" in rollouts.
         action_bins: For each dimension of "bins".
@@ -172,7 +173,7 @@ class EpisodePolicyConfig(PreTrainedConfig):
             longest: Frames in its longest episode.
 
         Raises:
-            UserError: Symbols or actions are more than the networks have room for.
+            UserError: Symbols or actions are more than the networks have room for, or an ignored action has no name.
         """
         for key, feature in (self.input_features or {}).items():
             if feature.type is FeatureType.STATE and _is_integer(features.get(key, {})):
@@ -186,6 +187,8 @@ class EpisodePolicyConfig(PreTrainedConfig):
         if self.action_classes is None:
             self.action_classes = _count_classes(features.get(ACTION, {}), stats)
         _check_classes(self.action_classes, stats)
+        if not self.ignored_action_dimensions:
+            self.ignored_action_dimensions = _ignored_dimensions(features.get(ACTION, {}))
         if self.max_timesteps is None:
             self.max_timesteps = longest
 
@@ -273,6 +276,16 @@ def _range(key: str, stats: dict[str, Any] | None) -> tuple[int, int] | None:
     """Least and greatest value of a feature, where the statistics tell."""
     known = (stats or {}).get(key, {})
     return (int(known["min"].min()), int(known["max"].max())) if {"min", "max"} <= known.keys() else None
+
+
+def _ignored_dimensions(feature: dict[str, Any]) -> list[int]:
+    """Dimensions that a dataset names as ignored by its environment."""
+    ignored = (feature.get("info") or {}).get("ignored") or []
+    names = list(feature.get("names") or [])
+    unknown = [name for name in ignored if name not in names]
+    if unknown:
+        raise UserError(f"the dataset's action says that {unknown} is ignored, but its names are {names}: correct one")
+    return [names.index(name) for name in ignored]
 
 
 def _count_classes(feature: dict[str, Any], stats: dict[str, Any] | None) -> int:
