@@ -35,13 +35,13 @@ class BabyAIEnvConfig(EnvConfig):
     Attributes:
         task: A level, or several separated by commas.
         max_episode_steps: Steps after which an episode is cut; None for BabyAI's own limit, new in every episode.
-        tile_size: Pixels along each side of a cell in videos; even.
+        tile_size: Pixels along each side of a cell in videos, even; None for 16 in a single room and 8 in a maze.
     """
 
     task: str = "GoToLocal"
     fps: int = 10
     max_episode_steps: int | None = None
-    tile_size: int = 16
+    tile_size: int | None = None
     features: dict[str, PolicyFeature] = field(default_factory=_features)
     features_map: dict[str, str] = field(default_factory=_features_map)
 

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lerobot_lisa.envs.babyai.levels import check_level, make_level, max_steps_bound
-from lerobot_lisa.envs.babyai.render import Renderer
+from lerobot_lisa.envs.babyai.render import Renderer, default_tile_size
 from lerobot_lisa.errors import UserError
 
 Observation = dict[str, np.ndarray]
@@ -30,13 +30,15 @@ class BabyAIEnv(gym.Env):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (gymnasium's protocol)
     render_mode = "rgb_array"
 
-    def __init__(self, task: str = "GoToLocal", max_episode_steps: int | None = None, tile_size: int = 16) -> None:
+    def __init__(
+        self, task: str = "GoToLocal", max_episode_steps: int | None = None, tile_size: int | None = None
+    ) -> None:
         """Build the level.
 
         Args:
             task: A level's name, such as `GoToLocal` or `BabyAI-GoToLocal-v0`.
             max_episode_steps: Steps after which an episode is cut; None for BabyAI's own limit, new in every episode.
-            tile_size: Pixels along each side of a cell in rendered frames; even.
+            tile_size: Pixels along each side of a cell in rendered frames, even; None for `default_tile_size`.
 
         Raises:
             UserError: If there is no such level, or a number is out of range.
@@ -46,7 +48,7 @@ class BabyAIEnv(gym.Env):
         self.task = check_level(task)
         self.task_description = ""
         self._level = make_level(task)
-        self._renderer = Renderer(tile_size)
+        self._renderer = Renderer(default_tile_size(self._level.width) if tile_size is None else tile_size)
         if max_episode_steps is not None:
             self._level.max_steps, self._level.fixed_max_steps = max_episode_steps, True
         # LeRobot reads this from the first environment only and stops the whole batch there: bound every episode.

@@ -11,6 +11,11 @@ from lerobot_lisa.errors import UserError
 _Look = tuple[tuple[int, int, int] | None, int | None, bool]  # cell encoding, direction of an agent there, lit
 
 
+def default_tile_size(cells: int) -> int:
+    """Pixels for each cell of a world that is `cells` wide: LeRobot keeps every frame of ten episodes in memory."""
+    return 16 if cells <= 11 else 8
+
+
 class Renderer:
     """Draws worlds with square tiles of one size.
 

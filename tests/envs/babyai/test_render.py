@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from lerobot_lisa.envs.babyai.env import BabyAIEnv
 from lerobot_lisa.envs.babyai.levels import make_level
 from lerobot_lisa.envs.babyai.render import Renderer
 from lerobot_lisa.errors import UserError
@@ -57,3 +58,11 @@ def test_is_much_cheaper_than_minigrid() -> None:
         return time.process_time() - start
 
     assert seconds(lambda: renderer.frame(level)) < seconds(lambda: level.get_frame(tile_size=16)) / 3
+
+
+@pytest.mark.parametrize(("level", "pixels"), [("GoToLocal", 8 * 16), ("BossLevel", 22 * 8)])
+def test_frames_of_mazes_stay_small_because_lerobot_keeps_them_all(level: str, pixels: int) -> None:
+    env = BabyAIEnv(level)
+    env.reset(seed=0)
+
+    assert env.render().shape == (pixels, pixels, 3)
