@@ -51,8 +51,14 @@ class EpisodePolicy(PreTrainedPolicy):
         """Build the policy; `dataset_meta` is needed for training only.
 
         Raises:
-            UserError: The features cannot work, or the language encoder is not there.
+            UserError: The configuration is another policy's, its features cannot work, or the language encoder is not
+                there.
         """
+        if config.type != self.name:
+            raise UserError(
+                f"{type(self).__name__} cannot load a {config.type} policy (its config.json says so): "
+                f"choose a {self.name} checkpoint, or let --policy.path alone find the policy"
+            )
         if dataset_meta is not None:
             _learn_about(config, dataset_meta)
         config.validate_features()

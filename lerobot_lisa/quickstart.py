@@ -1,0 +1,174 @@
+"""The main job on a small level, offline and in minutes: demonstrations, training, success rate, what skills mean.
+
+python -m lerobot_lisa.quickstart --dir quickstart
+
+Prints each command before it runs it. Run again after an interruption, it goes on where it was.
+"""
+
+import argparse
+import json
+import re
+import shlex
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import environ
+from pathlib import Path
+
+import yaml
+
+from lerobot_lisa.errors import UserError
+
+LEVEL = "GoToLocal"
+REPO_ID = "quickstart/babyai_gotolocal"
+DEMONSTRATIONS = 20_000
+EVALUATION_EPISODES = 200
+PROGRESS = re.compile(r"\bstep:\S+ .*")  # of what LeRobot logs, the lines about training
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command.
+
+    Attributes:
+        name: For messages and its log file.
+        command: A program of this environment, or "python", and its arguments.
+        result: The file that the command writes last.
+    """
+
+    name: str
+    command: list[str]
+    result: Path
+
+
+def plan(folder: Path, seed: int, recipe: Path) -> list[Step]:
+    """The commands that make everything in `folder`, in order."""
+    data, run, evaluation, skills = (folder / name for name in ("data", "lisa", "eval", "skill_words"))
+    steps = yaml.safe_load(recipe.read_text(encoding="utf-8"))["steps"]
+    policy = run / "checkpoints" / f"{steps:06d}" / "pretrained_model"
+    generate = ["python", "-m", "dataset_converters.babyai", "generate", f"--level={LEVEL}"]
+    generate += [f"--episodes={DEMONSTRATIONS}", f"--root={data}", f"--repo-id={REPO_ID}"]
+    evaluate = ["lerobot-eval", f"--policy.path={policy}", "--policy.device=cpu", "--env.type=babyai"]
+    evaluate += [f"--env.task={LEVEL}", f"--eval.n_episodes={EVALUATION_EPISODES}", "--eval.batch_size=50"]
+    evaluate += ["--eval.use_async_envs=false", "--seed=1000", f"--output_dir={evaluation}"]
+    rates = ["python", "-m", "lerobot_lisa.analysis.success", str(evaluation / "eval_info.json")]
+    words = ["python", "-m", "lerobot_lisa.analysis.skill_words", f"--policy-path={policy}", f"--dataset-root={data}"]
+    return [
+        Step("generate", generate, data / "meta" / "info.json"),
+        Step("train", _train(run, data, seed, recipe), policy.with_name("training_state") / "scheduler_state.json"),
+        Step("evaluate", evaluate, evaluation / "eval_info.json"),
+        Step("success", [*rates, f"--json={folder / 'success.json'}"], folder / "success.json"),
+        Step("skill_words", [*words, f"--repo-id={REPO_ID}", f"--output-dir={skills}"], skills / "skill_words.png"),
+    ]
+
+
+def _train(run: Path, data: Path, seed: int, recipe: Path) -> list[str]:
+    """Train, or go on from the last checkpoint."""
+    saved = run / "checkpoints" / "last" / "pretrained_model" / "train_config.json"
+    if saved.is_file():
+        return ["lerobot-train", f"--config_path={saved}", "--resume=true"]
+    options = [f"--dataset.root={data}", f"--output_dir={run}", f"--seed={seed}"]
+    return ["lerobot-train", f"--config_path={recipe}", *options]
+
+
+def find_recipe() -> Path:
+    """The training configuration: packed into a wheel, beside the package in a checkout."""
+    package = Path(__file__).parent
+    candidates = [parent / "configs" / "quickstart" / "lisa.yaml" for parent in (package, package.parent)]
+    return next(path for path in candidates if path.is_file())
+
+
+def run(step: Step, logs: Path) -> None:
+    """Print a command and run it; what it writes to standard error goes into a log file.
+
+    Raises:
+        UserError: It failed.
+    """
+    print(f"\n$ {shlex.join(step.command)}", flush=True)
+    log = logs / f"{step.name}.log"
+    last = ""
+    with (
+        log.open("a", encoding="utf-8") as file,
+        subprocess.Popen(
+            _executable(step.command), stderr=subprocess.PIPE, text=True, errors="replace", env=_environment()
+        ) as process,
+    ):
+        for line in process.stderr or ():  # universal newlines: a progress bar's states are lines too
+            file.write(line)
+            last = line.strip() or last
+            if progress := PROGRESS.search(line):
+                print(progress[0], flush=True)
+    if process.returncode:
+        raise UserError(f"`{step.command[0]}` ended with exit code {process.returncode}: {last} (all of it: {log})")
+
+
+def _executable(command: list[str]) -> list[str]:
+    """The command with its program's full path, so that it is this environment's."""
+    program, *arguments = command
+    path = sys.executable if program == "python" else str(Path(sysconfig.get_path("scripts")) / program)
+    return [path, *arguments]
+
+
+def _environment() -> dict[str, str]:
+    """Nothing is fetched, and a network of this size gains nothing from threads."""
+    return {"OMP_NUM_THREADS": "1", **environ, "HF_HUB_OFFLINE": "1"}
+
+
+def quickstart(folder: Path, seed: int) -> None:
+    """Run what is not finished yet, and say what came out.
+
+    Raises:
+        UserError: The folder belongs to another seed, or a command failed.
+    """
+    _claim(folder, seed)
+    recipe = find_recipe()
+    for number in range(len(plan(folder, seed, recipe))):
+        step = plan(folder, seed, recipe)[number]
+        if step.result.exists():
+            print(f"\n{step.name}: finished before ({step.result})")
+        else:
+            run(step, folder / "logs")
+    overall = json.loads((folder / "success.json").read_text(encoding="utf-8"))["rates"]["overall"]
+    print(
+        f"\nSuccess rate on {LEVEL}: {overall['percent']:.1f} % (95 % interval {overall['low']:.1f} to "
+        f"{overall['high']:.1f} %, n = {overall['episodes']})\n"
+        f"Words of each skill: {folder / 'skill_words' / 'skill_words.png'}"
+    )
+
+
+def _claim(folder: Path, seed: int) -> None:
+    """Note the seed in a new folder; refuse a folder that was made with another one."""
+    note = folder / "seed"
+    if note.is_file():
+        if note.read_text(encoding="utf-8").strip() != str(seed):
+            raise UserError(
+                f"{folder} was made with seed {note.read_text().strip()}: give another --dir for seed {seed}"
+            )
+        return
+    (folder / "logs").mkdir(parents=True, exist_ok=True)
+    note.write_text(f"{seed}\n", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--dir", type=Path, default=Path("quickstart"), help="for everything made (default: quickstart)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the training (default: 0)")
+    options = parser.parse_args(arguments)
+    try:
+        quickstart(options.dir, options.seed)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted; run the same command again to go on", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
