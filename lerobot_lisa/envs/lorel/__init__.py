@@ -1,0 +1,1 @@
+"""LOReL's Sawyer tabletop; importing this needs neither MuJoCo nor metaworld."""

@@ -1,0 +1,123 @@
+"""Pictures of the tabletop, for data and evaluation alike.
+
+    with Camera() as camera:
+        image = camera.frame(state)  # uint8 (64, 64, 3)
+
+The same state gives the same picture whenever it is drawn, so that data can be rendered long after they were made.
+"""
+
+from dataclasses import dataclass
+from types import MappingProxyType, TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lerobot_lisa.envs.lorel.gl import choose_gl, no_gl
+from lerobot_lisa.errors import UserError
+
+choose_gl()
+
+import mujoco  # noqa: E402
+
+from lerobot_lisa.envs.lorel.scene import build_model  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What is drawn; without a GPU, reflections and shadows cost far more than all the rest.
+
+    Attributes:
+        shadow: Whether the one light that can cast shadows does.
+        reflection: Whether the floor and the paint reflect.
+        samples: Samples per pixel, against jagged edges; 0 for none.
+    """
+
+    shadow: bool
+    reflection: bool
+    samples: int
+
+
+QUALITIES = MappingProxyType(
+    {
+        "minimal": Quality(shadow=False, reflection=False, samples=0),
+        "smooth": Quality(shadow=False, reflection=False, samples=4),
+        "full": Quality(shadow=True, reflection=True, samples=4),  # the original's
+    }
+)
+
+IMAGE_SIZE = 64
+"""Pixels along each side of the pictures in data and observations."""
+
+
+def check_quality(name: str) -> str:
+    """Return the name of an image quality, or raise `UserError` if there is none of that name."""
+    if name not in QUALITIES:
+        raise UserError(f"no image quality {name!r}: give one of {', '.join(QUALITIES)}, the one of the training data")
+    return name
+
+
+class Camera:
+    """The camera `cam0`; the first frame opens an OpenGL context, `close` gives it back."""
+
+    def __init__(self, quality: str = "minimal", size: int = IMAGE_SIZE, arm: str = "original") -> None:
+        """Prepare to draw.
+
+        Args:
+            quality: `minimal`, `smooth` or `full`.
+            size: Pixels along each side, 16 to 480.
+            arm: Only to share the model with a simulator; all arms look the same.
+
+        Raises:
+            UserError: If an argument is out of range.
+        """
+        if not 16 <= size <= 480:
+            raise UserError(f"an image of {size} x {size} pixels: give 16 to 480")
+        self._quality, self._size = QUALITIES[check_quality(quality)], size
+        self._model = build_model(arm)
+        self._data = mujoco.MjData(self._model)
+        self._renderer: mujoco.Renderer | None = None
+
+    def frame(self, state: ArrayLike) -> np.ndarray:
+        """Draw a state.
+
+        Args:
+            state: The 15 joint positions; taken as float32, as data sets store them.
+
+        Returns:
+            uint8 (size, size, 3).
+
+        Raises:
+            UserError: If this machine cannot draw.
+        """
+        if self._renderer is None:
+            self._renderer = self._open()
+        self._data.qpos[:] = np.asarray(state, np.float32)
+        mujoco.mj_forward(self._model, self._data)
+        self._renderer.update_scene(self._data, "cam0")
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Give the OpenGL context back; the next frame would open a new one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open(self) -> mujoco.Renderer:
+        # Read once, when the context is made: cameras of other qualities can share the model.
+        self._model.vis.quality.offsamples = self._quality.samples
+        try:
+            renderer = mujoco.Renderer(self._model, self._size, self._size)
+        except Exception as error:  # whatever OpenGL's bindings throw
+            raise no_gl(error) from error
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self._quality.shadow
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = self._quality.reflection
+        return renderer
