@@ -1,6 +1,7 @@
 """The command line of the LOReL datasets: convert, collect."""
 
 import argparse
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +25,17 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("--limit", type=int, help="look at the first N episodes of the file (default: all)")
     convert.set_defaults(run=_convert)
 
-    for command in (convert,):
+    collect = commands.add_parser("collect", help="let our simulator play at random")
+    collect.add_argument("--episodes", required=True, type=int, help="episodes to play, one per seed")
+    collect.add_argument("--images", action="store_true", help="render images too")
+    collect.add_argument("--quality", default="minimal", help="of the images: minimal (default), smooth or full")
+    collect.add_argument("--format", choices=["lerobot", "hdf5"], default="lerobot", help="hdf5: as the original data")
+    collect.add_argument("--arm", default="original", help="original (default), or free: comparable with nobody's")
+    collect.add_argument("--first-seed", type=int, default=1_000_000, help="default 1000000; below is for evaluation")
+    collect.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)")
+    collect.set_defaults(run=_collect)
+
+    for command in (convert, collect):
         add_output_options(command, "me/lorel_states")
         unlabelled = "keep episodes in which nothing happened"
         command.add_argument("--keep-unlabelled", action="store_true", help=unlabelled)
@@ -49,3 +60,31 @@ def _convert(options: argparse.Namespace) -> None:
     )
     origin = f"from {options.source}, {result.dropped:,} episodes left out because nothing happened"
     print_summary(options, result.totals, origin, time.monotonic() - started)
+
+
+def _collect(options: argparse.Namespace) -> None:
+    check_output(options)
+    from lerobot_lisa.envs.lorel.installation import check_installed
+
+    check_installed()
+    from dataset_converters.lorel.collect import CollectSettings, Format, collect
+
+    started = time.monotonic()
+    settings = CollectSettings(
+        episodes=options.episodes,
+        root=options.root,
+        repo_id=options.repo_id,
+        quality=options.quality if options.images else None,
+        format=Format(options.format),
+        keep_unlabelled=options.keep_unlabelled,
+        arm=options.arm,
+        first_seed=options.first_seed,
+        workers=options.workers,
+    )
+    result = collect(settings)
+    seeds, seconds = f"seeds {settings.seeds.first} to {settings.seeds.stop - 1}", time.monotonic() - started
+    if settings.format is Format.HDF5:
+        print(f"{result.totals.episodes:,} episodes ({seeds}) in {seconds:.1f} s -> {options.root}")
+    else:
+        origin = f"{seeds}, {result.dropped:,} episodes left out because nothing happened"
+        print_summary(options, result.totals, origin, seconds)

@@ -4,24 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STATE_NAMES = (
-    *(f"joint_{i}" for i in range(7)),
-    "right_finger",
-    "left_finger",
-    "white_mug_x",
-    "white_mug_y",
-    "black_mug_x",
-    "black_mug_y",
-    "faucet",
-    "drawer",
-)
-ACTION_NAMES = ("x", "y", "z", "wrist", "gripper")
 IGNORED_ACTIONS = ("wrist",)
 """Actions without effect: the simulator zeroes the wrist, though the data hold random values for it."""
 
 IMAGE_SHAPE = (64, 64, 3)
-FRAMES = 20
-"""Length of an episode of the original data set."""
 
 _UNLABELLED = ("nothing", "nan", "wave")
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from dataset_converters.lorel.episode import ACTION_NAMES, IMAGE_SHAPE, STATE_NAMES
+from dataset_converters.lorel.episode import IMAGE_SHAPE
+from lerobot_lisa.envs.lorel.state import ACTION_NAMES, STATE_NAMES
 from lerobot_lisa.errors import UserError
 
 GROUP = "sim"

@@ -1,0 +1,37 @@
+"""One episode of random play in our simulator, from a seed."""
+
+import numpy as np
+
+from dataset_converters.lorel.episode import LorelEpisode
+from lerobot_lisa.envs.lorel.gl import choose_gl
+from lerobot_lisa.envs.lorel.labels import describe
+from lerobot_lisa.envs.lorel.state import ACTION_HIGH, EPISODE_STEPS
+
+choose_gl()  # before MuJoCo is imported: whoever plays may also want to draw
+
+from lerobot_lisa.envs.lorel.scene import engine  # noqa: E402
+from lerobot_lisa.envs.lorel.simulator import LorelSimulator  # noqa: E402
+
+
+def play(simulator: LorelSimulator, seed: int) -> LorelEpisode:
+    """Reset, act at random for one episode, and describe what happened.
+
+    As in the original data, frame t holds the state before action t, and the label compares the first with the last
+    stored state. Source: specification, section 2.
+
+    Args:
+        simulator: it is reset.
+        seed: of the reset, of the actions and of the order of the label's parts.
+
+    Returns:
+        An episode without images; what is stored is exactly what was simulated, labelled and executed.
+    """
+    resets, actions, words = (np.random.default_rng(part) for part in np.random.SeedSequence(seed).spawn(3))
+    high = np.array(ACTION_HIGH)
+    action = actions.uniform(-high, high, (EPISODE_STEPS, len(high))).astype(np.float32)
+    state = np.empty((EPISODE_STEPS, simulator.model.nq), np.float32)
+    simulator.reset(resets)
+    for t in range(EPISODE_STEPS):
+        state[t] = simulator.state
+        simulator.step(action[t])
+    return LorelEpisode(describe(state[0], state[-1], words), state, action, seed=seed, engine=engine())
