@@ -1,22 +1,21 @@
 """Settings that LISA and Lang-DT share: encoders, size, what is learned from a dataset's metadata, optimiser."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim.optimizers import AdamConfig
 from lerobot.optim.schedulers import (
     ConstantWithWarmupSchedulerConfig,
     CosineAnnealingWithWarmupSchedulerConfig,
     LRSchedulerConfig,
 )
-from lerobot.utils.constants import ACTION, OBS_ENV_STATE
 
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.dataset_facts import note_facts
+from lerobot_lisa.policies.feature_checks import check_features
 
 WORDS = "words"  # the built-in word-level language encoder
-GRID_SYMBOLS = 16  # more than minigrid's 11 objects, 6 colours and 3 door states
 
 
 @dataclass
@@ -175,22 +174,7 @@ class EpisodePolicyConfig(PreTrainedConfig):
         Raises:
             UserError: Symbols or actions are more than the networks have room for, or an ignored action has no name.
         """
-        for key, feature in (self.input_features or {}).items():
-            if feature.type is FeatureType.STATE and _is_integer(features.get(key, {})):
-                _check_symbols(key, stats)
-                self.input_features[key] = PolicyFeature(
-                    FeatureType.ENV, feature.shape
-                )  # out of reach of STATE scaling
-            elif key == OBS_ENV_STATE and key in features and not _is_integer(features[key]):
-                # LeRobot calls it ENV whatever it holds; as symbols, real numbers would be cut to integers.
-                self.input_features[key] = PolicyFeature(FeatureType.STATE, feature.shape)
-        if self.action_classes is None:
-            self.action_classes = _count_classes(features.get(ACTION, {}), stats)
-        _check_classes(self.action_classes, stats)
-        if not self.ignored_action_dimensions:
-            self.ignored_action_dimensions = _ignored_dimensions(features.get(ACTION, {}))
-        if self.max_timesteps is None:
-            self.max_timesteps = longest
+        note_facts(self, features, stats, longest)
 
     def validate_features(self) -> None:
         """Refuse features the networks cannot take.
@@ -198,103 +182,4 @@ class EpisodePolicyConfig(PreTrainedConfig):
         Raises:
             UserError: No observation, no action, an unsupported type or shape, or a scaling that would break symbols.
         """
-        if not self.input_features:
-            raise UserError(
-                f"{self.type} needs at least one observation.* feature (grid, state or image): the dataset has none"
-            )
-        for key, feature in self.input_features.items():
-            self._validate_observation(key, feature)
-        action = self.action_feature
-        if action is None:
-            raise UserError(
-                f"{self.type} needs a feature called `action`: the dataset has {sorted(self.output_features or {})}"
-            )
-        if len(action.shape) != 1:
-            raise UserError(
-                f"{self.type} takes a flat action, but `action` has shape {tuple(action.shape)}: flatten it"
-            )
-        self._validate_action(action)
-
-    def _validate_observation(self, key: str, feature: PolicyFeature) -> None:
-        if feature.type not in (FeatureType.STATE, FeatureType.ENV, FeatureType.VISUAL):
-            raise UserError(
-                f"{self.type} cannot read `{key}` of type {feature.type.value}: leave it out of --policy.input_features"
-            )
-        if feature.type is FeatureType.VISUAL and len(feature.shape) != 3:
-            raise UserError(f"image `{key}` has shape {tuple(feature.shape)}: it must be (channels, height, width)")
-        if math.prod(feature.shape) == 0:
-            raise UserError(
-                f"`{key}` has the empty shape {tuple(feature.shape)}: leave it out of --policy.input_features"
-            )
-
-    def _validate_action(self, action: PolicyFeature) -> None:
-        if self.action_classes:
-            if action.shape[0] != 1:
-                raise UserError(
-                    f"a categorical action has shape (1,), this one {tuple(action.shape)}: "
-                    "pass --policy.action_classes=0 to treat it as real numbers"
-                )
-            if self.normalization_mapping.get("ACTION", NormalizationMode.IDENTITY) is not NormalizationMode.IDENTITY:
-                raise UserError(
-                    "a categorical action cannot be normalised: set normalization_mapping ACTION to IDENTITY"
-                )
-        outside = [d for d in self.ignored_action_dimensions if not 0 <= d < action.shape[0]]
-        if outside or len(set(self.ignored_action_dimensions)) >= action.shape[0]:
-            raise UserError(
-                f"--policy.ignored_action_dimensions={self.ignored_action_dimensions} must leave at least one of the "
-                f"{action.shape[0]} dimensions 0..{action.shape[0] - 1}"
-            )
-        if self.normalization_mapping.get("ENV", NormalizationMode.IDENTITY) is not NormalizationMode.IDENTITY:
-            raise UserError(
-                "ENV features hold symbols, which cannot be normalised: set normalization_mapping ENV to IDENTITY"
-            )
-
-
-def _is_integer(feature: dict[str, Any]) -> bool:
-    return str(feature.get("dtype", "")).startswith(("int", "uint"))
-
-
-def _check_symbols(key: str, stats: dict[str, Any] | None) -> None:
-    low, high = _range(key, stats) or (0, 0)
-    if low < 0 or high >= GRID_SYMBOLS:
-        raise UserError(
-            f"`{key}` holds integers from {low} to {high}, but symbols are 0..{GRID_SYMBOLS - 1}: "
-            "store it as real numbers, or leave it out of --policy.input_features"
-        )
-
-
-def _check_classes(classes: int, stats: dict[str, Any] | None) -> None:
-    low, high = _range(ACTION, stats) or (0, 0)
-    if classes and (low < 0 or high >= classes):
-        raise UserError(
-            f"--policy.action_classes={classes} does not fit the dataset, whose actions are {low} to {high}: "
-            f"pass {high + 1} or more, or 0 to treat them as real numbers"
-        )
-
-
-def _range(key: str, stats: dict[str, Any] | None) -> tuple[int, int] | None:
-    """Least and greatest value of a feature, where the statistics tell."""
-    known = (stats or {}).get(key, {})
-    return (int(known["min"].min()), int(known["max"].max())) if {"min", "max"} <= known.keys() else None
-
-
-def _ignored_dimensions(feature: dict[str, Any]) -> list[int]:
-    """Dimensions that a dataset names as ignored by its environment."""
-    ignored = (feature.get("info") or {}).get("ignored") or []
-    names = list(feature.get("names") or [])
-    unknown = [name for name in ignored if name not in names]
-    if unknown:
-        raise UserError(f"the dataset's action says that {unknown} is ignored, but its names are {names}: correct one")
-    return [names.index(name) for name in ignored]
-
-
-def _count_classes(feature: dict[str, Any], stats: dict[str, Any] | None) -> int:
-    """Number of different actions; 0 for real-valued ones."""
-    if not _is_integer(feature):
-        return 0
-    names = feature.get("names")
-    if isinstance(names, dict) and names.get("classes"):
-        return len(names["classes"])
-    if stats and "max" in stats.get(ACTION, {}):
-        return int(stats[ACTION]["max"].max()) + 1
-    raise UserError("the dataset does not say how many different actions there are: pass --policy.action_classes=N")
+        check_features(self)

@@ -11,7 +11,8 @@ from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
 from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead
-from lerobot_lisa.policies.base_configuration import GRID_SYMBOLS, WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.dataset_facts import GRID_SYMBOLS
 from lerobot_lisa.policies.instructions import missing_language_encoder
 
 KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VISUAL: "image"}
