@@ -45,7 +45,7 @@ def pretrained_tokenizer(name: str) -> Tokenizer:
     """The tokenizer of a Hugging Face encoder, by id or local path.
 
     Raises:
-        UserError: It cannot be found, or has no fast version.
+        UserError: It cannot be found, has no fast version, or knows no word.
     """
     from transformers import AutoTokenizer  # slow to import, and word-level policies do without
 
@@ -56,6 +56,10 @@ def pretrained_tokenizer(name: str) -> Tokenizer:
     if not loaded.is_fast:
         raise UserError(
             f"language encoder {name} has no fast tokenizer: choose one that has, or --policy.language_encoder=words"
+        )
+    if len(loaded) <= len(loaded.all_special_tokens):  # transformers makes an empty one up rather than fail
+        raise UserError(
+            f"language encoder {name} knows no word: its folder needs the tokenizer's files, such as tokenizer.json"
         )
     tokenizer: Tokenizer = loaded.backend_tokenizer
     tokenizer.no_padding()

@@ -1,0 +1,69 @@
+"""A checkpoint holds everything: weights, codebook, vocabulary, scaling."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.policies.factory import get_policy_class, make_policy, make_pre_post_processors
+from tiny_policies import Training, training
+
+BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
+NORMALISED = {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
+
+
+def saved(made: Training, folder: Path) -> Path:
+    made.policy.save_pretrained(folder)
+    made.preprocessor.save_pretrained(folder)
+    made.postprocessor.save_pretrained(folder)
+    return folder
+
+
+@BOTH
+@pytest.mark.parametrize("data", ["symbolic", "continuous", "pictures"])
+def test_everything_comes_back_exactly(kind: str, data: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    settings = {} if data == "symbolic" else {"normalization_mapping": NORMALISED}
+    made = training(kind, request.getfixturevalue(data), **settings).warm_up()
+    folder = saved(made, tmp_path / "checkpoint")
+
+    loaded = get_policy_class(kind).from_pretrained(folder, strict=True)
+    preprocessor, postprocessor = make_pre_post_processors(loaded.config, pretrained_path=str(folder))
+
+    mine, theirs = made.policy.state_dict(), loaded.state_dict()
+    assert mine.keys() == theirs.keys()
+    assert all(torch.equal(mine[key], theirs[key]) and mine[key].dtype == theirs[key].dtype for key in mine)
+    if kind == "lisa":
+        assert {"initted", "cluster_size", "embed_avg", "embed"} <= {key.split(".")[-1] for key in mine}
+    live = {key: torch.rand(2, *feature.shape) for key, feature in loaded.config.input_features.items()}
+    task = ["go to the red ball", "open a door"]
+    expected = made.postprocessor(made.policy.select_action(made.preprocessor({**live, "task": task})))
+    assert torch.equal(postprocessor(loaded.select_action(preprocessor({**live, "task": task}))), expected)
+
+
+@BOTH
+def test_training_goes_on_from_a_checkpoint(kind: str, continuous: Path, tmp_path: Path) -> None:
+    """The next loss after loading is the one that would have come without it."""
+    made = training(kind, continuous, dropout=0.0, normalization_mapping=NORMALISED).warm_up()
+    folder = saved(made, tmp_path / "checkpoint")
+    cfg = PreTrainedConfig.from_pretrained(folder)
+    cfg.pretrained_path = folder
+    loaded = make_policy(cfg, ds_meta=made.dataset.meta)
+    batch = made.batch(made.first_frames())
+
+    losses = []
+    for policy in (made.policy, loaded):
+        policy.train()
+        torch.manual_seed(0)
+        losses.append(policy.forward(batch)[0])
+
+    assert torch.equal(*losses)
+
+
+@BOTH
+def test_a_model_card_is_made(kind: str, symbolic: Path) -> None:
+    made = training(kind, symbolic)
+
+    card = made.policy.generate_model_card("local/tiny", kind, None, None, None, made.dataset.meta)
+
+    assert "2203.00054" in str(card)
+    assert card.data.license == "apache-2.0"
