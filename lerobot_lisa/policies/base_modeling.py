@@ -21,6 +21,7 @@ from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
 from lerobot_lisa.policies.instructions import build_vocabulary
 from lerobot_lisa.policies.model_card import make_model_card
+from lerobot_lisa.policies.step_randomness import StepRandomness
 
 if TYPE_CHECKING:
     from lerobot.configs.train import TrainPipelineConfig
@@ -66,6 +67,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self.config: EpisodePolicyConfig = config
         self._normalize = _normalizer(config, dataset_stats)
         self.network = self.make_network(self._action_bounds(dataset_stats))
+        self.randomness = StepRandomness()
         config.image_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._store: EpisodeStore | None = None
@@ -107,7 +109,8 @@ class EpisodePolicy(PreTrainedPolicy):
         frames = self._scaled(frames)
         actions = frames.pop(ACTION).reshape(packing.total, -1)
         tokens, tokens_valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
-        outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
+        with self.randomness.next_step():
+            outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
         head = self.network.head
         action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
         metrics |= {"action_loss": action_loss.mean().item()}

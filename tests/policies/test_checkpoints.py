@@ -5,8 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.optim.optimizers import load_optimizer_state, save_optimizer_state
 from lerobot.policies.factory import get_policy_class, make_policy, make_pre_post_processors
 from tiny_policies import Training, training
+
+from lerobot_lisa.policies.base_modeling import EpisodePolicy
 
 BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
 NORMALISED = {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
@@ -53,10 +56,54 @@ def test_training_goes_on_from_a_checkpoint(kind: str, continuous: Path, tmp_pat
     losses = []
     for policy in (made.policy, loaded):
         policy.train()
-        torch.manual_seed(0)
         losses.append(policy.forward(batch)[0])
 
     assert torch.equal(*losses)
+
+
+def train(policy: EpisodePolicy, optimizer: torch.optim.Optimizer, batch: dict, steps: int) -> None:
+    policy.train()
+    for _ in range(steps):
+        optimizer.zero_grad()
+        policy.forward(batch)[0].backward()
+        optimizer.step()
+
+
+@BOTH
+def test_resuming_is_exact_whatever_random_numbers_were_drawn_meanwhile(
+    kind: str, symbolic: Path, tmp_path: Path
+) -> None:
+    """Dropout and the revival of codes included; revival is made certain by a threshold that no code reaches."""
+    settings = {"dropout": 0.3, **({"dead_code_threshold": 1e3} if kind == "lisa" else {})}
+    made = training(kind, symbolic, **settings)
+    batch = made.batch(made.first_frames())
+    optimizer = made.policy.config.get_optimizer_preset().build(made.policy.get_optim_params())
+    train(made.policy, optimizer, batch, steps=2)
+    folder = saved(made, tmp_path / "checkpoint")
+    save_optimizer_state(optimizer, tmp_path)
+    train(made.policy, optimizer, batch, steps=3)
+
+    torch.manual_seed(123)
+    cfg = PreTrainedConfig.from_pretrained(folder)
+    cfg.pretrained_path = folder
+    resumed = make_policy(cfg, ds_meta=made.dataset.meta)
+    optimizer = cfg.get_optimizer_preset().build(resumed.get_optim_params())
+    train(resumed, load_optimizer_state(optimizer, tmp_path), batch, steps=3)
+
+    mine, theirs = made.policy.state_dict(), resumed.state_dict()
+    assert [key for key in mine if not torch.equal(mine[key], theirs[key])] == []
+
+
+def test_steps_draw_differently_and_leave_others_alone(symbolic: Path) -> None:
+    made = training("lang_dt", symbolic, dropout=0.5)
+    batch = made.batch(made.first_frames())
+    made.policy.train()
+    before = torch.get_rng_state()
+
+    losses = [made.policy.forward(batch)[0].item() for _ in range(3)]
+
+    assert len(set(losses)) == 3
+    assert torch.equal(before, torch.get_rng_state())
 
 
 @BOTH
