@@ -1,1 +1,5 @@
-"""LOReL's Sawyer tabletop; importing this needs neither MuJoCo nor metaworld."""
+"""LOReL's tabletop as a LeRobot environment; importing registers its options only, MuJoCo waits for the first use."""
+
+from lerobot_lisa.envs.lorel.config import LorelEnvConfig
+
+__all__ = ["LorelEnvConfig"]

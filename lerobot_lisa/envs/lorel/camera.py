@@ -6,7 +6,9 @@
 The same state gives the same picture whenever it is drawn, so that data can be rendered long after they were made.
 """
 
+import atexit
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType, TracebackType
 from typing import Self
 
@@ -57,6 +59,13 @@ def check_quality(name: str) -> str:
     return name
 
 
+def check_size(size: int) -> int:
+    """Return the pixels along each side of an image, or raise `UserError` if there are too few or too many."""
+    if not 16 <= size <= 480:
+        raise UserError(f"an image of {size} x {size} pixels: give 16 to 480")
+    return size
+
+
 class Camera:
     """The camera `cam0`; the first frame opens an OpenGL context, `close` gives it back."""
 
@@ -71,9 +80,7 @@ class Camera:
         Raises:
             UserError: If an argument is out of range.
         """
-        if not 16 <= size <= 480:
-            raise UserError(f"an image of {size} x {size} pixels: give 16 to 480")
-        self._quality, self._size = QUALITIES[check_quality(quality)], size
+        self._quality, self._size = QUALITIES[check_quality(quality)], check_size(size)
         self._model = build_model(arm)
         self._data = mujoco.MjData(self._model)
         self._renderer: mujoco.Renderer | None = None
@@ -121,3 +128,14 @@ class Camera:
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self._quality.shadow
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = self._quality.reflection
         return renderer
+
+
+@cache
+def shared_camera(quality: str, size: int, arm: str) -> Camera:
+    """The camera that all environments of this process draw with: a picture depends on nothing but the state.
+
+    Opening an OpenGL context takes seconds without a GPU. It is given back when the process ends.
+    """
+    camera = Camera(quality, size, arm)
+    atexit.register(camera.close)
+    return camera

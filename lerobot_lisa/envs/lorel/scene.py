@@ -39,6 +39,11 @@ ARMS = MappingProxyType(
 )
 
 
+# Contacts as in the engine of the original: newer ones find them in other ways (3.3.0 made its own routine the default,
+# later ones several contacts per pair of convex bodies too), after which objects move less like the original's.
+_NEWER_COLLISIONS = sum(int(getattr(mujoco.mjtDisableBit, name, 0)) for name in ("mjDSBL_NATIVECCD", "mjDSBL_MULTICCD"))
+
+
 def check_arm(name: str) -> str:
     """Return the name of an arm, or raise `UserError` if there is none of that name."""
     if name not in ARMS:
@@ -58,7 +63,9 @@ def build_model(arm: str = "original") -> mujoco.MjModel:
     assets = escape(str(metaworld_assets()), {'"': "&quot;"})
     spec = mujoco.MjSpec.from_string(template.substitute(assets=assets, torquescale=behaviour.torquescale))
     _fit_arm(spec)
-    return spec.compile()
+    model = spec.compile()
+    model.opt.disableflags |= _NEWER_COLLISIONS
+    return model
 
 
 def metaworld_assets() -> Path:

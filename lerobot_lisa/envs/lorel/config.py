@@ -1,0 +1,132 @@
+"""LeRobot's `--env.type=lorel`: options, features, and the vectorised environments that it evaluates in."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+import gymnasium as gym
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
+from lerobot.envs.utils import _LazyAsyncVectorEnv, freeze_after_episode_end
+from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_STATE
+
+from lerobot_lisa.envs.lorel.gl import choose_gl
+from lerobot_lisa.envs.lorel.installation import check_installed
+from lerobot_lisa.envs.lorel.observations import check_obs_type, shows_pixels, shows_state
+from lerobot_lisa.envs.lorel.state import ACTION_NAMES, FPS, STATE_NAMES
+from lerobot_lisa.envs.lorel.suites import find_tasks
+from lerobot_lisa.envs.lorel.tasks import Task
+from lerobot_lisa.errors import UserError
+
+
+def _features_map() -> dict[str, str]:
+    return {"agent_pos": OBS_STATE, "pixels": OBS_IMAGE, ACTION: ACTION}
+
+
+@EnvConfig.register_subclass("lorel")
+@dataclass
+class LorelEnvConfig(EnvConfig):
+    """LOReL's tabletop: suites of instructions, each instruction a task of its own.
+
+    Attributes:
+        task: Suites (`seen`, `rephrasals`, `compositions`, `compositions_as_released`) and instructions, separated by
+            commas.
+        obs_type: What the policy is shown: `state`, `pixels` or `pixels_state`.
+        image_quality: How `pixels` are drawn: `minimal`, `smooth` or `full`; the same as in the training data.
+        arm: `original`, or `free`: the hand reaches its target, and success rates compare with nobody's.
+        render_size: Pixels along each side of videos.
+    """
+
+    task: str = "seen"
+    fps: int = FPS
+    obs_type: str = "state"
+    image_quality: str = "minimal"
+    arm: str = "original"
+    render_size: int = 256
+    features: dict[str, PolicyFeature] = field(default_factory=dict)
+    features_map: dict[str, str] = field(default_factory=_features_map)
+
+    def __post_init__(self) -> None:
+        """Say what there is to see; on every construction, so that a saved configuration reads back the same."""
+        check_obs_type(self.obs_type)
+        self.features = {ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(len(ACTION_NAMES),))}
+        if shows_state(self.obs_type):
+            self.features["agent_pos"] = PolicyFeature(type=FeatureType.STATE, shape=(len(STATE_NAMES),))
+        if shows_pixels(self.obs_type):
+            self.features["pixels"] = PolicyFeature(type=FeatureType.VISUAL, shape=(64, 64, 3))
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """The options that every environment is built with."""
+        return {
+            "obs_type": self.obs_type,
+            "image_quality": self.image_quality,
+            "arm": self.arm,
+            "render_size": self.render_size,
+        }
+
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
+        """Prepare a vectorised environment for every task, built at its first use.
+
+        Args:
+            n_envs: Environments side by side in each.
+            use_async_envs: Whether each environment gets a process of its own.
+
+        Returns:
+            `{suite: {task_id: vectorised environment}}`; instructions named one by one are the suite "lorel".
+
+        Raises:
+            UserError: If MuJoCo or metaworld is missing, a task is unknown, an option cannot work, or pictures are
+                asked for where nothing can draw them.
+        """
+        if self.max_parallel_tasks > 1:
+            raise UserError(
+                f"env.max_parallel_tasks is {self.max_parallel_tasks}: LeRobot would run the tasks on one policy at "
+                "the same time and mix up their histories; leave it at 1"
+            )
+        groups = find_tasks(self.task)
+        self._try_out(next(iter(groups.values()))[0])
+        vectorise = _in_processes if use_async_envs and n_envs > 1 else _InTurn
+        return {
+            group: {i: vectorise([self._factory(task)] * n_envs) for i, task in enumerate(tasks)}
+            for group, tasks in groups.items()
+        }
+
+    def _factory(self, task: Task) -> partial:
+        from lerobot_lisa.envs.lorel.env import LorelEnv
+
+        return partial(LorelEnv, task=task, **self.gym_kwargs)
+
+    def _try_out(self, task: Task) -> None:
+        """Build and reset one environment, so that mistakes show here and not in a process."""
+        check_installed()
+        choose_gl()
+        env = self._factory(task)()
+        try:
+            env.reset(seed=0)
+        finally:
+            env.close()
+
+
+class _InTurn(gym.vector.SyncVectorEnv):
+    """Environments in one process, built at their first reset. LeRobot closes them after every evaluation.
+
+    LeRobot counts one step after an episode's end. NEXT_STEP and frozen environments repeat the end there.
+    """
+
+    def __init__(self, factories: list[partial]) -> None:
+        frozen = [freeze_after_episode_end(factory) for factory in factories]
+        super().__init__(frozen, autoreset_mode=gym.vector.AutoresetMode.NEXT_STEP)
+
+    def close(self, **kwargs: Any) -> None:
+        """Release the simulators, and be ready for the next evaluation."""
+        super().close(**kwargs)
+        self.closed = False
+
+
+def _in_processes(factories: list[partial]) -> gym.vector.VectorEnv:
+    """Leave the start of the processes to the first use: LeRobot's wrapper, which also freezes ended episodes."""
+    # Importing LeRobot takes seconds: once in the server that all processes are forked from, not in each of them.
+    get_context("forkserver").set_forkserver_preload(["__main__", "lerobot_lisa.envs.lorel.env"])
+    return _LazyAsyncVectorEnv(factories)
