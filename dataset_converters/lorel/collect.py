@@ -11,6 +11,7 @@ from dataset_converters.card import write_card
 from dataset_converters.lorel.cards import collected_card
 from dataset_converters.lorel.episode import LorelEpisode
 from dataset_converters.lorel.original_writer import write_original
+from dataset_converters.lorel.random_play import scene_digest
 from dataset_converters.lorel.schema import lorel_layout, to_episodes
 from dataset_converters.lorel.shards import close_cameras, load_episodes, make_images, make_states
 from dataset_converters.seeds import FIRST_TRAINING_SEED, SeedRange, check_run, split_seeds
@@ -111,6 +112,7 @@ def _described(settings: CollectSettings) -> dict[str, object]:
         "engine": engine(),
         "first_seed": settings.first_seed,
         "quality": settings.quality,
+        "scene": scene_digest(settings.arm),
         "seeds_per_shard": _SEEDS_PER_SHARD,
     }
     if settings.quality is not None:

@@ -1,5 +1,7 @@
 """One episode of random play in our simulator, from a seed."""
 
+import hashlib
+
 import numpy as np
 
 from dataset_converters.lorel.episode import LorelEpisode
@@ -9,7 +11,9 @@ from lerobot_lisa.envs.lorel.state import ACTION_HIGH, EPISODE_STEPS
 
 choose_gl()  # before MuJoCo is imported: whoever plays may also want to draw
 
-from lerobot_lisa.envs.lorel.scene import engine  # noqa: E402
+import mujoco  # noqa: E402
+
+from lerobot_lisa.envs.lorel.scene import build_model, engine  # noqa: E402
 from lerobot_lisa.envs.lorel.simulator import LorelSimulator  # noqa: E402
 
 
@@ -35,3 +39,11 @@ def play(simulator: LorelSimulator, seed: int) -> LorelEpisode:
         state[t] = simulator.state
         simulator.step(action[t])
     return LorelEpisode(describe(state[0], state[-1], words), state, action, seed=seed, engine=engine())
+
+
+def scene_digest(arm: str) -> str:
+    """Tell scenes apart, so that no collection goes on with the shards of another world."""
+    model = build_model(arm)
+    compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, compiled)
+    return hashlib.sha256(compiled).hexdigest()
