@@ -72,16 +72,21 @@ def normalise(counts: Counts, axis: int) -> NDArray[np.float64]:
     return counts / np.maximum(sums, 1)
 
 
-def top_words(words: Sequence[str], counts: Counts, most: int = 3) -> list[list[str]]:
-    """For each of K skills the words that set it apart, at most `most`.
+def top_words(words: Sequence[str], counts: Counts, most: int = 3) -> list[list[tuple[str, float]]]:
+    """For each of K skills at most `most` words that set it apart, and how many times as frequent as usual they are.
 
-    They are those whose share among the skill's words exceeds their share among all words by the most, so that "go"
-    and "the", which nearly every instruction has, do not crowd out the others.
+    Ranked by how far their share among the skill's words exceeds their share among all words, so that "go" and "the",
+    which nearly every instruction has, do not crowd out the others.
     """
-    excess = normalise(counts, 0) - counts.sum(1, keepdims=True) / max(1, counts.sum())
-    ranked = np.argsort(-excess, axis=0, kind="stable")
+    shares, usual = normalise(counts, 0), counts.sum(1, keepdims=True) / max(1, counts.sum())
+    ranked = np.argsort(usual - shares, axis=0, kind="stable")[:most]
     return [
-        [words[word] for word in ranked[:most, skill] if excess[word, skill] > 0] for skill in range(counts.shape[1])
+        [
+            (words[word], float(shares[word, skill] / usual[word, 0]))
+            for word in row
+            if shares[word, skill] > usual[word]
+        ]
+        for skill, row in enumerate(ranked.T)
     ]
 
 
@@ -192,11 +197,12 @@ def run(policy_path: str, root: Path, repo_id: str, output_dir: Path) -> None:
 
 
 def report(words: Sequence[str], counts: Counts, use: SkillUse) -> None:
-    """Print each skill's words, and how many skills there are."""
+    """Print the words that are more frequent with each skill than usual, and how many skills there are."""
     episodes = Counter(code for codes in use.codes for code in set(codes))
     for skill, listed in enumerate(top_words(words, counts)):
         if episodes[skill]:
-            print(f"skill {skill:2d}  {episodes[skill]:6d} episodes  {', '.join(listed)}")
+            shown = ", ".join(f"{word} x{times:.1f}" for word, times in listed)
+            print(f"skill {skill:2d}  {episodes[skill]:6d} episodes  {shown}")
     print(
         f"{len(episodes)} of {counts.shape[1]} codes used, perplexity {use.perplexity:.1f}, "
         f"mutual information {use.mutual_information:.2f} bits"

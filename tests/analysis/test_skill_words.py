@@ -65,7 +65,10 @@ def test_top_words_set_a_skill_apart() -> None:
     episodes = [("go to the red ball", [0]), ("go to the red key", [0]), ("go to the blue key", [1])] * 5
     words, counts = count_words([text for text, _ in episodes], [codes for _, codes in episodes], 3)
     first, second, unused = top_words(words, counts, most=2)
-    assert (first[0], second[0], unused) == ("red", "blue", [])
+    # "red" is a fifth of skill 0's words and two fifteenths of all.
+    assert first[0] == ("red", pytest.approx(1.5))
+    assert second == [("blue", pytest.approx(3.0)), ("key", pytest.approx(1.5))]
+    assert unused == []
 
 
 def test_the_codes_are_those_of_a_rollout(lisa: Path, symbolic: Path) -> None:
