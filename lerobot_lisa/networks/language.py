@@ -39,7 +39,7 @@ class PretrainedEncoder(nn.Module):
         self.width: int = model.config.hidden_size
         self._answers: OrderedDict[tuple[int, ...], Tensor] = OrderedDict()
         if frozen:
-            model.requires_grad_(False)
+            model.requires_grad_(False).eval()
 
     def train(self, mode: bool = True) -> "PretrainedEncoder":
         """A frozen encoder stays in evaluation mode: dropout would make its answers differ each time."""
@@ -61,10 +61,10 @@ class PretrainedEncoder(nn.Module):
     @torch.no_grad()
     def _remembered(self, tokens: Tensor, valid: Tensor) -> Tensor:
         keys = [tuple(row[: int(n)]) for row, n in zip(tokens.tolist(), valid.sum(1), strict=True)]
-        missing = [row for row, key in enumerate(keys) if key not in self._answers]
-        if missing:
-            for row, answer in zip(missing, self._encode(tokens[missing], valid[missing]), strict=True):
-                self._answers[keys[row]] = answer[: len(keys[row])]
+        for row, key in enumerate(keys):
+            if key not in self._answers:  # asked alone, so that company and padding do not move the last digit
+                alone = slice(row, row + 1), slice(len(key))
+                self._answers[key] = self._encode(tokens[alone], valid[alone])[0]
         answers = tokens.new_zeros((*tokens.shape, self.width), dtype=self._answers[keys[0]].dtype)
         for row, key in enumerate(keys):
             self._answers.move_to_end(key)

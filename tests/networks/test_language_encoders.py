@@ -29,6 +29,18 @@ class Model(nn.Module):
         return SimpleNamespace(last_hidden_state=self.dropout(embedded + mean))
 
 
+class SimpleModel(nn.Module):
+    """A transformer layer over embeddings, with real matrix products."""
+
+    def __init__(self, layer: nn.TransformerEncoderLayer) -> None:
+        super().__init__()
+        self.config, self.layer, self.embedding = SimpleNamespace(hidden_size=32), layer, nn.Embedding(10, 32)
+
+    def forward(self, input_ids: Tensor, attention_mask: Tensor) -> SimpleNamespace:
+        hidden = self.layer(self.embedding(input_ids), src_key_padding_mask=attention_mask == 0)
+        return SimpleNamespace(last_hidden_state=hidden)
+
+
 def encoders() -> dict[str, nn.Module]:
     torch.manual_seed(0)
     return {
@@ -70,6 +82,20 @@ def test_a_frozen_encoder_is_asked_once_per_instruction() -> None:
     assert torch.equal(first[[2, 0, 0, 1]][VALID[[2, 0, 0, 1]]], again[VALID[[2, 0, 0, 1]]])
     assert not first.requires_grad
     assert not any(parameter.requires_grad for parameter in encoder.parameters())
+
+
+def test_a_frozen_encoders_answers_do_not_depend_on_company() -> None:
+    """To the last digit: a resumed run asks for the same instructions in other batches."""
+    torch.manual_seed(0)
+    layer = nn.TransformerEncoderLayer(32, 4, 64, batch_first=True)
+    model = SimpleModel(layer)
+    together, alone = PretrainedEncoder(model, frozen=True), PretrainedEncoder(model, frozen=True)
+
+    out = together(TOKENS, VALID)
+
+    for row in range(3):
+        words = int(VALID[row].sum())
+        assert torch.equal(out[row, :words], alone(TOKENS[row : row + 1], VALID[row : row + 1])[0, :words])
 
 
 def test_a_frozen_encoder_forgets_the_least_recent() -> None:

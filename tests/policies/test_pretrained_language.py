@@ -107,8 +107,7 @@ def test_checkpoints_need_no_folder(kind: str, frozen: bool, encoder: Path, symb
     live = {"observation.grid": torch.ones(2, 147), "observation.direction": torch.ones(2, 1)}
     tasks = ["go to the red ball", "open"]
     expected = made.policy.action_outputs(made.preprocessor({**live, "task": tasks}))
-    found = loaded.action_outputs(preprocessor({**live, "task": tasks}))
-    torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-6)  # remembered answers come from other batches
+    assert torch.equal(loaded.action_outputs(preprocessor({**live, "task": tasks})), expected)
     with safe_open(checkpoint / "model.safetensors", "pt") as file:
         assert any("transformer" in key for key in file.keys())  # noqa: SIM118
 
