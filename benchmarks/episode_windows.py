@@ -52,7 +52,7 @@ def windows(arguments: argparse.Namespace, length: int) -> dict[str, float]:
     meta = LeRobotDatasetMetadata(arguments.repo_id, root=arguments.root)
     store = load_episodes(meta, KEYS)
     deltas = [step / meta.fps for step in range(length)]
-    dataset = LeRobotDataset(arguments.repo_id, root=arguments.root, delta_timestamps={key: deltas for key in KEYS})
+    dataset = LeRobotDataset(arguments.repo_id, root=arguments.root, delta_timestamps=dict.fromkeys(KEYS, deltas))
     starts = torch.randint(0, meta.total_frames - length, (4096,), generator=torch.Generator().manual_seed(0)).tolist()
 
     def ours() -> int:
@@ -81,8 +81,8 @@ def waiting(arguments: argparse.Namespace) -> dict[str, float]:
     """Median share of a `lerobot-train` step spent in the loader and the preprocessor, from its own log."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
-            str(Path(sys.executable).with_name("lerobot-train")), "--policy.type=lisa", "--policy.language_encoder=words",
-            "--policy.device=cpu", "--policy.push_to_hub=false", f"--dataset.repo_id={arguments.repo_id}",
+            str(Path(sys.executable).with_name("lerobot-train")), "--policy.type=lisa", "--policy.device=cpu",
+            "--policy.language_encoder=words", "--policy.push_to_hub=false", f"--dataset.repo_id={arguments.repo_id}",
             f"--dataset.root={arguments.root}", f"--batch_size={arguments.batch_size}", f"--steps={arguments.steps}",
             "--log_freq=1", "--num_workers=0", "--save_checkpoint=false", f"--output_dir={folder}/run",
         ]  # fmt: skip
