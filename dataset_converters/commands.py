@@ -1,13 +1,12 @@
 """What the command lines of all data sets share: exit codes, checks of the output, the closing lines."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dataset_converters.staging import refuse_existing
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.errors import UserError, exit_code
 
 if TYPE_CHECKING:
     from dataset_converters.writer import DatasetTotals
@@ -28,20 +27,16 @@ def run_command(
         0, 1 for bad input, 130 for Ctrl-C; bad usage ends the program with 2.
     """
     options = parser.parse_args(arguments)
-    try:
-        options.run(options)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except ModuleNotFoundError as error:
-        if error.name not in optional:
-            raise
-        print(f'error: {error.name} is missing: pip install "lerobot_policy_lisa[{extra}]"', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted; run the same command again to go on", file=sys.stderr)
-        return 130
-    return 0
+
+    def work() -> None:
+        try:
+            options.run(options)
+        except ModuleNotFoundError as error:
+            if error.name not in optional:
+                raise
+            raise UserError(f'{error.name} is missing: pip install "lerobot_policy_lisa[{extra}]"') from error
+
+    return exit_code(work, interrupted="interrupted; run the same command again to go on")
 
 
 def add_output_options(command: argparse.ArgumentParser, example: str) -> None:

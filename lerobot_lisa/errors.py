@@ -1,11 +1,29 @@
 """The one exception for mistakes a user can mend, shown as one line instead of a traceback."""
 
 import sys
+from collections.abc import Callable
 from types import TracebackType
 
 
 class UserError(ValueError):
     """Bad input: the message is one line that names the file or field, what is wrong with it, and the fix."""
+
+
+def exit_code(work: Callable[[], object], interrupted: str = "interrupted") -> int:
+    """Do the work of a command line and return its exit code.
+
+    Returns:
+        0; 1 after a `UserError`, 130 after Ctrl-C, each with one line on standard error.
+    """
+    try:
+        work()
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(interrupted, file=sys.stderr)
+        return 130
+    return 0
 
 
 def show_user_errors_in_one_line() -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import yaml
 
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.errors import UserError, exit_code
 
 LEVEL = "GoToLocal"
 REPO_ID = "quickstart/babyai_gotolocal"
@@ -159,15 +159,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the training (default: 0)")
     options = parser.parse_args(arguments)
-    try:
-        quickstart(options.dir, options.seed)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted; run the same command again to go on", file=sys.stderr)
-        return 130
-    return 0
+    return exit_code(
+        lambda: quickstart(options.dir, options.seed), interrupted="interrupted; run the same command again to go on"
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.skill_word_figure import draw
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.errors import UserError, exit_code
 
 if TYPE_CHECKING:
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -163,15 +163,7 @@ def write_table(words: Sequence[str], counts: Counts, output: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line; returns the exit code."""
     options = _parser().parse_args(arguments)
-    try:
-        run(options.policy_path, options.dataset_root, options.repo_id, options.output_dir)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
-    return 0
+    return exit_code(lambda: run(options.policy_path, options.dataset_root, options.repo_id, options.output_dir))
 
 
 def run(policy_path: str, root: Path, repo_id: str, output_dir: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.errors import UserError, exit_code
 
 OVERALL = "overall"
 
@@ -107,22 +107,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("files", nargs="+", type=Path, help="eval_info.json of one or several evaluations")
     parser.add_argument("--json", type=Path, help="also write the numbers to this file")
     options = parser.parse_args(arguments)
-    try:
-        outcomes = [read_outcomes(path) for path in options.files]
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    return exit_code(lambda: run(options.files, options.json))
+
+
+def run(files: Sequence[Path], output: Path | None) -> None:
+    """Print the rates of each file and of all of them together, and write them to `output` as JSON.
+
+    Raises:
+        UserError: See `read_outcomes`.
+    """
+    outcomes = [read_outcomes(path) for path in files]
     if len(outcomes) > 1:
-        for path, listed in zip(options.files, outcomes, strict=True):
+        for path, listed in zip(files, outcomes, strict=True):
             print(f"{summarise(listed)[OVERALL]}  {path}")
     rates = summarise(pool(outcomes))
     for name, rate in rates.items():
         print(f"{rate}  {name}")
-    if options.json:
-        numbers = {"files": [str(path) for path in options.files], "rates": {k: asdict(v) for k, v in rates.items()}}
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
-    return 0
+    if output:
+        numbers = {"files": [str(path) for path in files], "rates": {k: asdict(v) for k, v in rates.items()}}
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

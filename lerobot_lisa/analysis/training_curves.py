@@ -7,10 +7,11 @@ import argparse
 import csv
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.errors import UserError, exit_code
 
 # The keys that lerobot-train and the policies log, and how they are called in the figure.
 CURVES = {
@@ -93,16 +94,20 @@ def main() -> int:
     parser.add_argument("logs", nargs="+", type=Path, help="standard error of lerobot-train")
     parser.add_argument("--output-dir", type=Path, default=Path(), help="for training_curves.png and .csv")
     options = parser.parse_args()
-    try:
-        runs = [read_log(path) for path in options.logs]
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    options.output_dir.mkdir(parents=True, exist_ok=True)
-    draw(runs, options.output_dir / "training_curves.png")
-    write_table(runs, options.output_dir / "training_curves.csv")
-    print(f"{len(runs)} runs -> {options.output_dir / 'training_curves.png'}")
-    return 0
+    return exit_code(lambda: run(options.logs, options.output_dir))
+
+
+def run(logs: Sequence[Path], output_dir: Path) -> None:
+    """Read the logs and write figure and table.
+
+    Raises:
+        UserError: See `read_log`.
+    """
+    runs = [read_log(path) for path in logs]
+    output_dir.mkdir(parents=True, exist_ok=True)
+    draw(runs, output_dir / "training_curves.png")
+    write_table(runs, output_dir / "training_curves.csv")
+    print(f"{len(runs)} runs -> {output_dir / 'training_curves.png'}")
 
 
 if __name__ == "__main__":

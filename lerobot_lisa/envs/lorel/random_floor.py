@@ -19,7 +19,7 @@ from lerobot_lisa.envs.lorel.installation import check_installed
 from lerobot_lisa.envs.lorel.state import ACTION_HIGH
 from lerobot_lisa.envs.lorel.suites import SUITES
 from lerobot_lisa.envs.lorel.tasks import Task
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.errors import exit_code
 
 
 def random_outcomes(task: Task, task_id: int, episodes: int, seed: int = 1000, arm: str = "original") -> list[bool]:
@@ -74,19 +74,15 @@ def main() -> int:
     options = parser.parse_args()
     if options.episodes < 1 or options.seed < 0:
         parser.error("--episodes must be at least 1, --seed at least 0")
-    try:
-        outcomes = [
-            random_outcomes(task, task_id, options.episodes, options.seed, options.arm)
-            for task_id, task in enumerate(tqdm(SUITES[options.suite], unit="task", disable=None))
-        ]
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    return exit_code(lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    outcomes = [
+        random_outcomes(task, task_id, options.episodes, options.seed, options.arm)
+        for task_id, task in enumerate(tqdm(SUITES[options.suite], unit="task", disable=None))
+    ]
     print("\n".join(_lines(options.suite, outcomes)))
-    return 0
 
 
 if __name__ == "__main__":
