@@ -7,6 +7,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -19,6 +20,7 @@ if find_spec("mujoco") is None or find_spec("metaworld") is None:
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from dataset_converters.lorel import collect as collect_module
+from dataset_converters.lorel import original_writer
 from dataset_converters.lorel.cli import main
 from dataset_converters.lorel.collect import CollectSettings, Format, collect
 from dataset_converters.lorel.convert import ConvertSettings, convert
@@ -212,11 +214,10 @@ def test_a_second_process_is_refused(sixty, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["lerobot", "hdf5"])
-def test_a_full_disk_is_one_line_and_leaves_a_run_that_goes_on(sixty, tmp_path, kind):
+def test_a_full_disk_is_one_line_and_leaves_a_run_that_goes_on(sixty, tmp_path):
     """A limit on the size of files stands in for a full disk: shards fit, the data set does not."""
     command = [sys.executable, "-m", "dataset_converters.lorel", "collect", "--episodes", "60", "--workers", "1"]
-    command += ["--root", str(tmp_path / "play"), "--repo-id", "me/play", "--format", kind]
+    command += ["--root", str(tmp_path / "play"), "--repo-id", "me/play"]
 
     def limit_files() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
@@ -229,3 +230,31 @@ def test_a_full_disk_is_one_line_and_leaves_a_run_that_goes_on(sixty, tmp_path, 
     assert len(list((tmp_path / "play.partial/shards").glob("*.npz"))) == 3
     collect(settings(tmp_path / "play"))
     assert tree_hash(tmp_path / "play") == tree_hash(sixty[0])
+
+
+def test_a_disk_that_fills_up_under_the_original_layout(tmp_path, monkeypatch):
+    """The limit comes when HDF5 has laid out the file: it would crash, but it writes no values."""
+    lay_out, before = original_writer._lay_out, resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def lay_out_and_limit(*arguments):
+        offsets = lay_out(*arguments)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
+        return offsets
+
+    monkeypatch.setattr(original_writer, "_lay_out", lay_out_and_limit)
+    try:
+        with pytest.raises(UserError, match="run the same command again"):
+            collect(settings(tmp_path / "play", format=Format.HDF5))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert sorted(path.name for path in (tmp_path / "play.partial").iterdir() if path.is_dir()) == ["shards"]
+    monkeypatch.setattr(original_writer, "_lay_out", lay_out)
+    collect(settings(tmp_path / "play", format=Format.HDF5))
+    with h5py.File(tmp_path / "play/data.hdf5") as file:
+        assert np.array_equal(file["sim/state"][37], play(LorelSimulator(), 1_000_037).state)
+
+
+def test_no_room_for_the_original_layout(tmp_path, monkeypatch):
+    monkeypatch.setattr(original_writer.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
+    with pytest.raises(UserError, match="No space left on device; free some space and run the same command again"):
+        collect(settings(tmp_path / "play", format=Format.HDF5, episodes=2))
