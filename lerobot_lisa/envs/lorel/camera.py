@@ -107,6 +107,7 @@ class Camera:
     def close(self) -> None:
         """Give the OpenGL context back; the next frame would open a new one."""
         if self._renderer is not None:
+            atexit.unregister(self._renderer.close)
             self._renderer.close()
             self._renderer = None
 
@@ -125,6 +126,7 @@ class Camera:
             renderer = mujoco.Renderer(self._model, self._size, self._size)
         except Exception as error:  # whatever OpenGL's bindings throw
             raise no_gl(error) from error
+        atexit.register(renderer.close)  # only now: contexts must go before what MuJoCo registers with the first one
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self._quality.shadow
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = self._quality.reflection
         return renderer
@@ -136,6 +138,4 @@ def shared_camera(quality: str, size: int, arm: str) -> Camera:
 
     Opening an OpenGL context takes seconds without a GPU. It is given back when the process ends.
     """
-    camera = Camera(quality, size, arm)
-    atexit.register(camera.close)
-    return camera
+    return Camera(quality, size, arm)

@@ -140,7 +140,7 @@ def _observation_space(obs_type: str) -> spaces.Dict:
     if shows_state(obs_type):
         members["agent_pos"] = spaces.Box(-np.inf, np.inf, (len(STATE_NAMES),), np.float32)
     if shows_pixels(obs_type):
-        members["pixels"] = spaces.Box(0, 255, (IMAGE_SIZE, 3), np.uint8)
+        members["pixels"] = spaces.Box(0, 255, (IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)
     return spaces.Dict(members)
 
 

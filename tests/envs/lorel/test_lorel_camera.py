@@ -1,0 +1,79 @@
+"""Pictures depend on the state and the quality alone, and equal the original's in full quality."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import drawing
+import h5py
+import numpy as np
+import pytest
+
+from lerobot_lisa.envs.lorel.camera import QUALITIES, Camera, shared_camera
+from lerobot_lisa.errors import UserError
+
+SAMPLE = Path(__file__).parents[4] / "shared" / "data" / "lorel" / "data.hdf5"
+STATES = np.random.default_rng(0).uniform(-0.2, 0.2, (3, 15))
+
+
+def test_the_same_state_gives_the_same_picture() -> None:
+    drawing.needs_gl()
+    with Camera() as one, Camera() as other:
+        first = one.frame(STATES[0])
+        assert (first.shape, first.dtype) == ((64, 64, 3), np.uint8)
+        for state in STATES[1:]:
+            assert not np.array_equal(one.frame(state), first)
+        np.testing.assert_array_equal(one.frame(STATES[0]), first)
+        np.testing.assert_array_equal(other.frame(STATES[0].astype(np.float32)), first)
+
+
+def test_qualities_side_by_side() -> None:
+    drawing.needs_gl()
+    cameras = {name: shared_camera(name, 32, "original") for name in ("minimal", "smooth")}
+    before = {name: camera.frame(STATES[0]) for name, camera in cameras.items()}
+    after = {name: camera.frame(STATES[0]) for name, camera in cameras.items()}
+    assert not np.array_equal(before["minimal"], before["smooth"])
+    for name in cameras:
+        np.testing.assert_array_equal(before[name], after[name])
+
+
+@pytest.mark.skipif(not SAMPLE.exists(), reason=f"no sample of the original data at {SAMPLE}")
+@pytest.mark.slow
+def test_full_quality_is_the_originals() -> None:
+    drawing.needs_gl()
+    with h5py.File(SAMPLE) as file:
+        state, original = file["sim/state"][2, 0], file["sim/ims"][2, 0] * 255
+    with Camera("full") as camera:
+        assert np.abs(camera.frame(state) - original).mean() < 2
+
+
+def test_refusals() -> None:
+    with pytest.raises(UserError, match="no image quality 'best'"):
+        Camera("best")
+    with pytest.raises(UserError, match="an image of 999 x 999"):
+        Camera(size=999)
+
+
+def test_named_qualities() -> None:
+    assert list(QUALITIES) == ["minimal", "smooth", "full"]
+
+
+@pytest.mark.slow
+def test_no_gl_is_explained_and_states_do_without() -> None:
+    code = """
+import logging
+from lerobot_lisa.envs.lorel.env import LorelEnv
+env = LorelEnv(obs_type="state", render_size=32)
+env.reset(seed=0)
+assert env.render().max() == 0
+env.render()
+LorelEnv(obs_type="pixels").reset(seed=0)
+"""
+    environment = {**os.environ, "MUJOCO_GL": "disable"}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert run.stdout == ""
+    assert run.stderr.count("Videos are black") == 1
+    last = run.stderr.strip().splitlines()[-1]
+    assert "cannot draw the tabletop (MUJOCO_GL is disable" in last
+    assert "apt-get install libegl1 libgl1-mesa-dri" in last

@@ -1,0 +1,190 @@
+"""LeRobot's own evaluation runs on the tabletop: suites as groups, equal in turn and in processes."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import draccus
+import drawing
+import pytest
+import torch
+from lerobot.configs import FeatureType
+from lerobot.envs.configs import EnvConfig
+from lerobot.envs.utils import close_envs, env_to_policy_features
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.processor import PolicyProcessorPipeline
+from lerobot.scripts.lerobot_eval import eval_policy_all, rollout
+
+from lerobot_lisa.envs.lorel.config import LorelEnvConfig
+from lerobot_lisa.envs.lorel.random_floor import main
+from lerobot_lisa.errors import UserError
+
+
+class StatePolicy(PreTrainedPolicy):
+    """Acts by a fixed function of the step and of whatever it is shown."""
+
+    config_class = ACTConfig
+    name = "state"
+
+    def __init__(self) -> None:
+        super().__init__(ACTConfig(device="cpu"))
+        self.batches: list[dict[str, Any]] = []
+
+    def reset(self) -> None:
+        self.batches = []
+
+    def select_action(self, batch: dict[str, Any]) -> torch.Tensor:
+        self.batches.append(batch)
+        shown = sum(v.flatten(1).sum(1) for k, v in sorted(batch.items()) if k.startswith("observation."))
+        return torch.sin(shown[:, None] * torch.arange(1, 6) + len(self.batches))
+
+    def get_optim_params(self) -> dict:
+        return {}
+
+    def forward(self, batch: dict[str, Any]) -> None:
+        raise NotImplementedError
+
+    def predict_action_chunk(self, batch: dict[str, Any]) -> torch.Tensor:
+        raise NotImplementedError
+
+
+def processors() -> dict[str, PolicyProcessorPipeline]:
+    names = ("env_preprocessor", "env_postprocessor", "preprocessor", "postprocessor")
+    identity = {"to_transition": lambda x: x, "to_output": lambda x: x}
+    return {name: PolicyProcessorPipeline(steps=[], **identity) for name in names}
+
+
+@dataclass
+class Command:
+    env: EnvConfig
+
+
+def test_options_from_the_command_line() -> None:
+    options = ["--env.type=lorel", "--env.task=compositions", "--env.obs_type=pixels", "--env.image_quality=full"]
+    config = draccus.parse(Command, args=options).env
+    assert isinstance(config, LorelEnvConfig)
+    assert (config.task, config.fps, config.type) == ("compositions", 80, "lorel")
+    assert config.gym_kwargs == {"obs_type": "pixels", "image_quality": "full", "arm": "original", "render_size": 256}
+
+
+@pytest.mark.parametrize(
+    ("obs_type", "inputs"),
+    [
+        ("state", {"observation.state": (FeatureType.STATE, (15,))}),
+        ("pixels", {"observation.image": (FeatureType.VISUAL, (3, 64, 64))}),
+        (
+            "pixels_state",
+            {
+                "observation.state": (FeatureType.STATE, (15,)),
+                "observation.image": (FeatureType.VISUAL, (3, 64, 64)),
+            },
+        ),
+    ],
+)
+def test_features(obs_type: str, inputs: dict[str, Any]) -> None:
+    features = env_to_policy_features(LorelEnvConfig(obs_type=obs_type))
+    assert {key: (feature.type, feature.shape) for key, feature in features.items()} == {
+        "action": (FeatureType.ACTION, (5,)),
+        **inputs,
+    }
+
+
+def test_groups_and_task_ids() -> None:
+    envs = LorelEnvConfig(task="seen,compositions,pull the handle").create_envs(2)
+    assert {group: list(tasks) for group, tasks in envs.items()} == {
+        "seen": list(range(6)),
+        "compositions": list(range(15)),
+        "lorel": [0],
+    }
+    assert list(envs["seen"][2].call("task_description")) == ["turn faucet left"] * 2
+    assert envs["compositions"][0].call("_max_episode_steps")[0] == 40
+    assert all(
+        sub.unwrapped._simulator is None for tasks in envs.values() for env in tasks.values() for sub in env.envs
+    )
+
+
+def test_rollout_on_states() -> None:
+    env = LorelEnvConfig(task="open drawer").create_envs(3)["lorel"][0]
+    policy = StatePolicy()
+    result = rollout(env, policy, seeds=[5, 6, 7], **processors())
+    state = policy.batches[0]["observation.state"]
+    assert (tuple(state.shape), state.dtype) == ((3, 15), torch.float32)
+    assert policy.batches[0]["task"] == ["open drawer"] * 3
+    assert result["action"].shape == (3, len(policy.batches), 5)
+    assert len(policy.batches) <= 20
+
+
+def test_rollout_on_pixels() -> None:
+    drawing.needs_gl()
+    env = LorelEnvConfig(task="open drawer", obs_type="pixels").create_envs(2)["lorel"][0]
+    policy = StatePolicy()
+    rollout(env, policy, seeds=[5, 6], **processors())
+    image = policy.batches[0]["observation.image"]
+    assert (tuple(image.shape), float(image.max()) <= 1) == ((2, 3, 64, 64), True)
+    assert "observation.state" not in policy.batches[0]
+
+
+@pytest.mark.slow
+def test_processes_equal_turns(tmp_path) -> None:
+    config = LorelEnvConfig(task="close drawer,shift black mug down", render_size=32)
+    runs = []
+    for use_async in (False, True):
+        envs = config.create_envs(3, use_async)
+        # lerobot-train evaluates the same environments again and again, and closes them each time.
+        metrics = [
+            [
+                {"successes": task["metrics"]["successes"], "rewards": task["metrics"]["sum_rewards"]}
+                for task in eval_policy_all(envs, StatePolicy(), n_episodes=5, start_seed=1000, **processors())[
+                    "per_task"
+                ]
+            ]
+            for _ in range(2)
+        ]
+        close_envs(envs)
+        assert metrics[0] == metrics[1]
+        runs.append(metrics[0])
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"task": "close draw"}, "no LOReL task 'close draw'"),
+        ({"max_parallel_tasks": 2}, "max_parallel_tasks is 2"),
+        ({"arm": "stiff"}, "no arm 'stiff'"),
+        ({"render_size": 2}, "2 x 2 pixels"),
+    ],
+)
+def test_refusals(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        LorelEnvConfig(**options).create_envs(2)
+    with pytest.raises(UserError, match="obs_type is 'touch'"):
+        LorelEnvConfig(obs_type="touch")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("package", ["mujoco", "metaworld"])
+def test_importing_is_light_and_missing_packages_are_explained(package: str) -> None:
+    code = f"""
+import sys
+from lerobot_lisa.envs.lorel import LorelEnvConfig
+assert not {{"mujoco", "metaworld"}} & set(sys.modules)
+sys.modules["{package}"] = None
+LorelEnvConfig().create_envs(1)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert f'error: LOReL needs {package}: pip install "lerobot_policy_lisa[lorel]"' in run.stderr
+    assert run.stdout == ""
+
+
+def test_random_floor(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["random_floor", "--suite", "seen", "--episodes", "2"])
+    assert main() == 0
+    first = capsys.readouterr().out
+    assert len(first.splitlines()) == 7
+    assert "/12 " in first.splitlines()[-1]
+    assert first.splitlines()[-1].endswith("all seen")
+    main()
+    assert capsys.readouterr().out == first
