@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny_networks import Batch, batch, lang_dt, lisa, run
 from torch import Tensor
@@ -56,6 +56,7 @@ def random_observations(environments: int, steps: int, seed: int = 0) -> dict[st
 
 
 @EVERY
+@settings(max_examples=10)
 @given(steps=st.integers(1, 8 * HORIZON), environments=st.integers(1, 4), seed=st.integers(0, 3))
 def test_same_codes_and_predictions(name: str, steps: int, environments: int, seed: int) -> None:
     network = NETWORKS[name]

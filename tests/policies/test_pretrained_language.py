@@ -1,9 +1,6 @@
 """A pretrained encoder from a folder: frozen or fine-tuned, and afterwards no longer needed."""
 
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -73,20 +70,6 @@ def test_fine_tuned(kind: str, encoder: Path, symbolic: Path) -> None:
         assert (model.state_dict()[key] - before[key]).abs().max() < 1.1e-6 + 1e-7
 
 
-CHILD = """
-import sys
-import torch
-import lerobot_lisa
-from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-
-kind, folder = sys.argv[1:]
-policy = get_policy_class(kind).from_pretrained(folder)
-preprocessor, _ = make_pre_post_processors(policy.config, pretrained_path=folder)
-batch = {"observation.grid": torch.ones(2, 147), "observation.direction": torch.ones(2, 1)}
-print(policy.action_outputs(preprocessor({**batch, "task": ["go to the red ball", "open"]})).double().tolist())
-"""
-
-
 @BOTH
 @pytest.mark.parametrize("frozen", [False, True])
 def test_checkpoints_need_no_folder(kind: str, frozen: bool, encoder: Path, symbolic: Path, tmp_path: Path) -> None:
@@ -110,28 +93,6 @@ def test_checkpoints_need_no_folder(kind: str, frozen: bool, encoder: Path, symb
     assert torch.equal(loaded.action_outputs(preprocessor({**live, "task": tasks})), expected)
     with safe_open(checkpoint / "model.safetensors", "pt") as file:
         assert any("transformer" in key for key in file.keys())  # noqa: SIM118
-
-
-@pytest.mark.slow
-def test_a_checkpoint_loads_in_another_process_offline(encoder: Path, symbolic: Path, tmp_path: Path) -> None:
-    made = training("lisa", symbolic, language_encoder=str(encoder)).warm_up()
-    made.policy.save_pretrained(tmp_path / "checkpoint")
-    made.preprocessor.save_pretrained(tmp_path / "checkpoint")
-    made.postprocessor.save_pretrained(tmp_path / "checkpoint")
-    shutil.rmtree(encoder)
-
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, "lisa", str(tmp_path / "checkpoint")],
-        env={**os.environ, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-    assert done.returncode == 0, done.stderr[-3000:]
-    live = {"observation.grid": torch.ones(2, 147), "observation.direction": torch.ones(2, 1)}
-    expected = made.policy.action_outputs(made.preprocessor({**live, "task": ["go to the red ball", "open"]}))
-    torch.testing.assert_close(torch.tensor(eval(done.stdout.splitlines()[-1])), expected, atol=1e-6, rtol=1e-6)
 
 
 @BOTH
