@@ -19,12 +19,19 @@ KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VIS
 
 
 def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
-    """One encoder over all of the policy's observation features."""
+    """One encoder over all of the policy's observation features.
+
+    Raises:
+        UserError: The image backbone is unknown or does not fit the images.
+    """
     specs = {
         key: ObservationSpec(KINDS[feature.type], tuple(feature.shape), GRID_SYMBOLS)  # type: ignore[arg-type]
         for key, feature in (config.input_features or {}).items()
     }
-    return ObservationEncoder(specs, config.width, config.image_backbone, config.image_backbone_weights)
+    try:
+        return ObservationEncoder(specs, config.width, config.image_backbone, config.image_backbone_weights)
+    except (ValueError, KeyError) as error:  # torchvision's words for an unknown model or weights
+        raise UserError(f"--policy.image_backbone={config.image_backbone}: {error}") from error
 
 
 def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
