@@ -17,8 +17,8 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import eval_policy_all, rollout
 
+from lerobot_lisa.analysis.lorel_random_floor import main
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
-from lerobot_lisa.envs.lorel.random_floor import main
 from lerobot_lisa.errors import UserError
 
 

@@ -1,6 +1,6 @@
 """What uniformly random actions achieve: the floor that every LOReL success rate stands on.
 
-python -m lerobot_lisa.envs.lorel.random_floor --suite seen --episodes 50
+python -m lerobot_lisa.analysis.lorel_random_floor --suite seen --episodes 50
 
 Episodes start as in `lerobot-eval`, which counts its seeds up from 1000.
 """
