@@ -120,12 +120,16 @@ class Camera:
         self.close()
 
     def _open(self) -> mujoco.Renderer:
-        # Read once, when the context is made: cameras of other qualities can share the model.
-        self._model.vis.quality.offsamples = self._quality.samples
+        # Read once, when the context is made, and put back: cameras of other qualities and the simulators share the
+        # model, and a collection tells scenes apart by its bytes.
+        quality = self._model.vis.quality
+        samples, quality.offsamples = quality.offsamples, self._quality.samples
         try:
             renderer = mujoco.Renderer(self._model, self._size, self._size)
         except Exception as error:  # whatever OpenGL's bindings throw
             raise no_gl(error) from error
+        finally:
+            quality.offsamples = samples
         atexit.register(renderer.close)  # only now: contexts must go before what MuJoCo registers with the first one
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self._quality.shadow
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = self._quality.reflection

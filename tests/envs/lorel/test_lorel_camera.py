@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+from dataset_converters.lorel.random_play import scene_digest
 from lerobot_lisa.envs.lorel.camera import QUALITIES, Camera, shared_camera
 from lerobot_lisa.errors import UserError
 
@@ -26,6 +27,15 @@ def test_the_same_state_gives_the_same_picture() -> None:
             assert not np.array_equal(one.frame(state), first)
         np.testing.assert_array_equal(one.frame(STATES[0]), first)
         np.testing.assert_array_equal(other.frame(STATES[0].astype(np.float32)), first)
+
+
+def test_drawing_leaves_the_shared_model_as_it_was() -> None:
+    """Else a collection that has drawn would take its own unfinished shards for another world's."""
+    drawing.needs_gl()
+    before = scene_digest("original")
+    with Camera("full") as camera:
+        camera.frame(STATES[0])
+    assert scene_digest("original") == before
 
 
 def test_qualities_side_by_side() -> None:
