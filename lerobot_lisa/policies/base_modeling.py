@@ -36,6 +36,9 @@ class EpisodePolicy(PreTrainedPolicy):
     `lerobot-train` hands `forward` single frames. Their episode indices choose whole episodes in the episode store, so
     what a frame contributes is its episode, and an episode is drawn in proportion to its length. The loss averages over
     each episode's frames first, which gives every frame of the dataset the same weight, as in the paper.
+
+    Attributes:
+        rollouts: Rollouts begun since training or loading; the next one draws its actions from `action_seed` plus this.
     """
 
     config_class = EpisodePolicyConfig
@@ -73,7 +76,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self._store: EpisodeStore | None = None
         self._history: Any = None
         self._instruction: Tensor | None = None
-        self._rollouts = 0
+        self.rollouts = 0
         self._generator = torch.Generator()
 
     # What a policy fills in.
@@ -104,7 +107,7 @@ class EpisodePolicy(PreTrainedPolicy):
         Raises:
             UserError: The policy was built without a dataset.
         """
-        self._rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
+        self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
         frames, packing = self.episode_store.gather(batch["episode_index"], self._device)
         frames = self._scaled(frames)
         actions = frames.pop(ACTION).reshape(packing.total, -1)
@@ -188,8 +191,8 @@ class EpisodePolicy(PreTrainedPolicy):
     def _begin(self, tokens: Tensor, valid: Tensor) -> None:
         """Start a rollout; what it draws depends on how many came before it, not on what else used random numbers."""
         self._history, self._instruction = self.network.begin(tokens, valid), tokens
-        self._generator = torch.Generator(tokens.device).manual_seed(self.config.action_seed + self._rollouts)
-        self._rollouts += 1
+        self._generator = torch.Generator(tokens.device).manual_seed(self.config.action_seed + self.rollouts)
+        self.rollouts += 1
 
     @torch.no_grad()
     def predict_action_chunk(self, batch: dict[str, Any], **kwargs: Any) -> Tensor:

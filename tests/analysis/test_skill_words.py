@@ -7,42 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lerobot.configs import PreTrainedConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.policies.factory import make_policy, make_pre_post_processors
+from tiny_checkpoints import CODES, HORIZON
 from torch.utils.data import default_collate
 
-import lerobot_lisa  # noqa: F401  registers the policies
 from lerobot_lisa.analysis.skill_word_figure import draw
 from lerobot_lisa.analysis.skill_words import count_words, load, main, normalise, top_words, use_skills
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
-from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
-
-HORIZON, CODES = 3, 5
-
-
-def checkpoint(root: Path, folder: Path, config: PreTrainedConfig) -> Path:
-    """What lerobot-train leaves, of a policy whose codebook has seen one batch."""
-    dataset = LeRobotDataset("local/tiny", root=root)
-    policy = make_policy(config, ds_meta=dataset.meta)
-    pipelines = make_pre_post_processors(config, dataset_stats=dataset.meta.stats)
-    policy.train()
-    policy.forward(
-        pipelines[0](default_collate([dataset[start] for start in dataset.meta.episodes["dataset_from_index"]]))
-    )
-    for part in (policy, *pipelines):
-        part.save_pretrained(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def lisa(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    config = LisaConfig(
-        width=32, heads=2, language_encoder="words", horizon=HORIZON, codebook_size=CODES, device="cpu",
-        push_to_hub=False,
-    )  # fmt: skip
-    return checkpoint(symbolic, tmp_path_factory.mktemp("lisa"), config)
 
 
 def test_each_code_of_an_episode_gets_all_words() -> None:
@@ -100,13 +71,11 @@ def test_the_figure_is_the_same_each_time(tmp_path: Path) -> None:
 
 
 def test_checkpoints_and_data_that_do_not_fit_are_refused(
-    lisa: Path, symbolic: Path, continuous: Path, tmp_path: Path
+    lisa: Path, lang_dt: Path, symbolic: Path, continuous: Path, tmp_path: Path
 ) -> None:
-    config = LangDTConfig(width=32, heads=2, language_encoder="words", device="cpu", push_to_hub=False)
-    flat = checkpoint(symbolic, tmp_path / "flat", config)
     dataset = LeRobotDataset("local/tiny", root=symbolic)
     with pytest.raises(UserError, match="is a lang_dt policy: only lisa has skill codes"):
-        load(str(flat), dataset)
+        load(str(lang_dt), dataset)
     with pytest.raises(UserError, match="no checkpoint"):
         load(str(tmp_path / "absent"), dataset)
     with pytest.raises(UserError, match=r"reads `observation\.grid` \(147,\): .* lacks it"):

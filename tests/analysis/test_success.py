@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lerobot_lisa.analysis.success import main, pool, read_outcomes, success_rate, summarise
+from lerobot_lisa.analysis.success import main, pool, random_floors, read_outcomes, success_rate, summarise
+from lerobot_lisa.envs.lorel.random_floor import random_floor
+from lerobot_lisa.envs.lorel.suites import find_task
 from lerobot_lisa.errors import UserError
 
 
@@ -83,6 +85,31 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert lines[-1].startswith("3/7 42.9 %")
     overall = json.loads((tmp_path / "new" / "rates.json").read_text())["rates"]["overall"]
     assert (overall["successes"], overall["episodes"]) == (3, 7)
+
+
+def test_lorels_numbers_stand_beside_random_actions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    half = [True, False]
+    path = write(tmp_path / "a.json", seen_0=half, seen_1=half, rephrasals_human_8=half, rephrasals_unseen_verb_0=half)
+    assert main([str(path), "--json", str(tmp_path / "rates.json")]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    closing, opening = random_floor(find_task("close drawer")), random_floor(find_task("open drawer"))
+    assert lines[0].endswith(f"random actions {closing:.1f} % seen/0: close drawer")
+    assert lines[2].endswith(f"random actions {closing:.1f} % rephrasals_human/8: shut the cupboard")
+    assert lines[4].endswith(f"random actions {(closing + opening) / 2:.1f} % seen")
+    assert lines[7].endswith(f"random actions {closing:.1f} % rephrasals")
+    assert lines[8].endswith(f"random actions {(3 * closing + opening) / 4:.1f} % overall")
+    rates = json.loads((tmp_path / "rates.json").read_text())["rates"]
+    assert (rates["seen/1"]["instruction"], rates["seen/1"]["random_actions"]) == ("open drawer", pytest.approx(opening))
+
+
+def test_the_floor_counts_tasks_as_often_as_they_were_run() -> None:
+    closing, opening = random_floor(find_task("close drawer")), random_floor(find_task("open drawer"))
+    floors = random_floors({("seen", 0): [True] * 3, ("seen", 1): [False]})
+    assert floors["overall"] == floors["seen"] == pytest.approx((3 * closing + opening) / 4)
+    free = random_floors({("close_drawer_free_arm", 0): [True]})["overall"]
+    assert free == random_floor(find_task("close drawer"), "free") != closing
+    assert random_floors({("seen", 0): [True], ("babyai", 0): [True]}).keys() == {"seen/0", "seen"}
+    assert random_floors({("seen", 99): [True]}) == {}
 
 
 def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

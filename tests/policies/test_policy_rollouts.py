@@ -174,7 +174,7 @@ def test_drawn_actions_are_exact(kind: str, symbolic: Path) -> None:
     observations = live_observations(made, 4, 10)
 
     def rollouts(policy_of: Training, noise: int) -> list[Tensor]:
-        policy_of.policy._rollouts = 0
+        policy_of.policy.rollouts = 0
         torch.manual_seed(noise)
         drawn = []
         for _ in range(2):

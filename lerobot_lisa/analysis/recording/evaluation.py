@@ -1,0 +1,172 @@
+"""What to evaluate, as `lerobot-eval` takes it, and one batch of episodes run by LeRobot's own code and recorded."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pyarrow as pa
+from lerobot.configs import PreTrainedConfig, parser
+from lerobot.envs.configs import EnvConfig
+
+from lerobot_lisa.analysis.recording.environment import Batch, RecordingEnv, Watcher
+from lerobot_lisa.analysis.recording.traces import EPISODES, KEY
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+
+if TYPE_CHECKING:
+    from lerobot_lisa.policies.base_modeling import EpisodePolicy
+
+
+@dataclass
+class EvaluationConfig:
+    """What to evaluate; options are called as in `lerobot-eval`, with all of `--policy.*` and `--env.*`.
+
+    Attributes:
+        env: Environment.
+        policy: Checkpoint, from `--policy.path`, with overrides.
+        n_episodes: For each task.
+        batch_size: Environments side by side. Drawn actions depend on it, as in `lerobot-eval`.
+        use_async_envs: Whether each environment gets a process of its own.
+        seed: Of the first episode; the others count up.
+        output_dir: Where everything goes; an evaluation found there is used, or gone on with, if it is the same.
+    """
+
+    env: EnvConfig
+    policy: PreTrainedConfig | None = None
+    n_episodes: int = 50
+    batch_size: int = 50
+    use_async_envs: bool = False
+    seed: int = 1000
+    output_dir: Path = field(default_factory=lambda: Path("outputs/report"))
+
+    def __post_init__(self) -> None:
+        """Read the checkpoint's configuration, as `lerobot-eval` does, and refuse what cannot work."""
+        if path := parser.get_path_arg("policy"):
+            self.policy = load_config(path, parser.get_cli_overrides("policy") or [])
+        if self.policy is None or not self.policy.pretrained_path:
+            raise UserError("--policy.path is missing: name a checkpoint's folder (pretrained_model) or its Hub id")
+        if self.n_episodes < 1 or self.batch_size < 1 or self.seed < 0:
+            raise UserError("--n_episodes and --batch_size must be at least 1, --seed at least 0")
+        self.batch_size = min(self.batch_size, self.n_episodes)
+
+    @classmethod
+    def __get_path_fields__(cls) -> list[str]:
+        """LeRobot's parser takes `--policy.path` out before draccus sees it."""
+        return ["policy"]
+
+
+def load_config(path: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig:
+    """The configuration of a LISA or Lang-DT checkpoint, from a folder or the Hub.
+
+    Raises:
+        UserError: There is no checkpoint, or it is another policy's.
+    """
+    try:
+        config = PreTrainedConfig.from_pretrained(path, cli_overrides=list(overrides))
+    except UserError:
+        raise
+    except (OSError, ValueError) as error:
+        raise UserError(f"--policy.path={path}: no checkpoint (a folder with config.json) there") from error
+    if not isinstance(config, EpisodePolicyConfig):
+        raise UserError(f"--policy.path={path} is a {config.type} policy: this reads lisa and lang_dt checkpoints")
+    config.pretrained_path = Path(path)
+    return config
+
+
+class Evaluation(NamedTuple):
+    """Everything that LeRobot's evaluation takes, loaded.
+
+    Attributes:
+        policy: In evaluation mode.
+        envs: Vectorised environments by task group and task id, made at their first use.
+        pipelines: LeRobot's names and objects of the four pre- and postprocessors.
+    """
+
+    policy: "EpisodePolicy"
+    envs: Mapping[str, Mapping[int, Any]]
+    pipelines: Mapping[str, Any]
+
+
+def load(config: EvaluationConfig) -> Evaluation:
+    """Load a policy with its pipelines and make its environments, as `lerobot-eval` does.
+
+    Raises:
+        UserError: The checkpoint or the environment cannot be used.
+    """
+    from lerobot.envs import make_env, make_env_pre_post_processors
+    from lerobot.policies import make_policy, make_pre_post_processors
+
+    envs = make_env(config.env, n_envs=config.batch_size, use_async_envs=config.use_async_envs)
+    policy = make_policy(deepcopy(config.policy), env_cfg=config.env)  # which fills in what the environment says
+    preprocess, postprocess = make_pre_post_processors(
+        config.policy,
+        pretrained_path=str(config.policy.pretrained_path),
+        preprocessor_overrides={"device_processor": {"device": str(policy.config.device)}},
+    )
+    before, after = make_env_pre_post_processors(env_cfg=config.env, policy_cfg=config.policy)
+    pipelines = {
+        "env_preprocessor": before,
+        "env_postprocessor": after,
+        "preprocessor": preprocess,
+        "postprocessor": postprocess,
+    }
+    return Evaluation(policy.eval(), envs, pipelines)
+
+
+def run_batch(
+    config: EvaluationConfig,
+    evaluation: Evaluation,
+    batch: Batch,
+    rollout: int = 0,
+    watchers: Sequence[Watcher] = (),
+    **options: Any,
+) -> tuple[pa.Table, pa.Table]:
+    """One batch of episodes of a task, run by LeRobot.
+
+    Args:
+        config: Of the evaluation.
+        evaluation: Loaded.
+        batch: Which episodes; at most `config.batch_size`, and none beyond `config.n_episodes`.
+        rollout: How many batches `lerobot-eval` would have run before; drawn actions depend on it.
+        watchers: Told about every step.
+        options: More for LeRobot's `eval_policy`, such as `max_episodes_rendered` and `videos_dir`.
+
+    Returns:
+        Tables of its steps and of its episodes, columns of `STEPS` and `EPISODES`.
+    """
+    import torch
+    from lerobot.scripts.lerobot_eval import eval_policy
+
+    policy, episodes = evaluation.policy, min(config.batch_size, config.n_episodes - batch.first)
+    policy.rollouts = rollout
+    env = evaluation.envs[batch.group][batch.task_id]
+    recording = RecordingEnv(env, lambda: getattr(policy, "skill_codes", None), batch, episodes, watchers)
+    with torch.no_grad(), _autocast(policy.config):
+        outcome = eval_policy(
+            recording,
+            policy,
+            **evaluation.pipelines,
+            n_episodes=episodes,
+            start_seed=config.seed + batch.first,
+            **options,
+        )
+    recording.end_rollout()
+    steps = recording.trace()
+    return steps, _summarise(steps, [episode["success"] for episode in outcome["per_episode"]])
+
+
+def _summarise(steps: pa.Table, successes: Sequence[bool]) -> pa.Table:
+    """The episodes of a batch's steps, and what LeRobot says of them, in order."""
+    grouped = steps.to_pandas().groupby(KEY, sort=True, observed=True)
+    episodes = grouped.agg(seed=("seed", "first"), instruction=("instruction", "first"), steps=("step", "size"))
+    episodes["success"] = list(successes)
+    return pa.Table.from_pandas(episodes.reset_index(), EPISODES, preserve_index=False)
+
+
+def _autocast(config: PreTrainedConfig) -> AbstractContextManager[Any]:
+    import torch
+
+    return torch.autocast(device_type=torch.device(config.device).type) if config.use_amp else nullcontext()

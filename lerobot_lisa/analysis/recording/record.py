@@ -1,0 +1,141 @@
+"""Records an evaluation batch by batch; an interrupted one goes on where it was."""
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import draccus
+from filelock import FileLock, Timeout
+from lerobot.configs import PreTrainedConfig
+from lerobot.envs.configs import EnvConfig
+from tqdm import tqdm
+
+from lerobot_lisa.analysis.recording import traces
+from lerobot_lisa.analysis.recording.environment import Batch, Watcher
+from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, load, run_batch
+from lerobot_lisa.analysis.recording.traces import EPISODES, EPISODES_FILE, STEPS, STEPS_FILE, Trace
+from lerobot_lisa.errors import UserError
+
+_NOTE, _LOCK = "evaluation.json", "lock"
+
+
+def record(
+    config: EvaluationConfig,
+    folder: Path,
+    watchers: Sequence[Watcher] = (),
+    evaluation: Evaluation | None = None,
+    **more: Any,
+) -> Trace:
+    """Evaluate and record, or read what an equal evaluation has recorded before.
+
+    Every batch of episodes is written when it ends, so that a later call with the same facts goes on after it. It
+    gives the same trace as a call that was never interrupted, and the same successes as `lerobot-eval`.
+
+    Args:
+        config: What to evaluate.
+        folder: For the trace.
+        watchers: Told about every step, but not about those of batches that were recorded before.
+        evaluation: What `load` returned; None: load it if there is something to do.
+        more: Further facts that tell this evaluation from others, JSON values, such as a fixed skill code.
+
+    Raises:
+        UserError: The folder belongs to another evaluation or is in use, or the evaluation cannot work.
+    """
+    facts = describe(config, **more)
+    with _claimed(folder, facts):
+        if not (folder / STEPS_FILE).is_file():
+            _record_batches(config, folder, watchers, evaluation or load(config), facts)
+        return traces.read(folder)
+
+
+def describe(config: EvaluationConfig, **more: Any) -> dict[str, Any]:
+    """The facts of an evaluation, JSON values: the same facts give the same trace."""
+    from importlib.metadata import version
+
+    weights = Path(config.policy.pretrained_path) / "model.safetensors"
+    return {
+        "policy_path": str(config.policy.pretrained_path),
+        "weights_sha256": sha256(weights.read_bytes()).hexdigest() if weights.is_file() else None,
+        "policy": draccus.encode(config.policy, PreTrainedConfig),
+        "env": draccus.encode(config.env, EnvConfig),
+        "n_episodes": config.n_episodes,
+        "batch_size": config.batch_size,
+        "seed": config.seed,
+        "versions": {name: version(name) for name in ("lerobot", "lerobot_policy_lisa", "torch")},
+        **more,
+    }
+
+
+def _record_batches(
+    config: EvaluationConfig, folder: Path, watchers: Sequence[Watcher], evaluation: Evaluation, facts: dict[str, Any]
+) -> None:
+    parts = folder / "parts"
+    parts.mkdir(exist_ok=True)
+    batches = _batches(config, evaluation)
+    for number, batch in enumerate(tqdm(batches, desc="evaluating", unit="batch", disable=None)):
+        if _steps_file(parts, batch).is_file():
+            continue
+        steps, episodes = run_batch(config, evaluation, batch, number, watchers)
+        traces.write(episodes, _episodes_file(parts, batch), facts)
+        traces.write(steps, _steps_file(parts, batch), facts)  # last: it says that the batch is done
+        if batch.first + config.batch_size >= config.n_episodes:
+            evaluation.envs[batch.group][batch.task_id].close()
+    _join([_episodes_file(parts, batch) for batch in batches], EPISODES, folder / EPISODES_FILE, facts)
+    _join([_steps_file(parts, batch) for batch in batches], STEPS, folder / STEPS_FILE, facts)
+    shutil.rmtree(parts)
+
+
+def _batches(config: EvaluationConfig, evaluation: Evaluation) -> list[Batch]:
+    """All batches, in the order in which `lerobot-eval` runs them."""
+    tasks = [(group, task_id) for group, envs in evaluation.envs.items() for task_id in envs]
+    return [Batch(*task, first) for task in tasks for first in range(0, config.n_episodes, config.batch_size)]
+
+
+def _steps_file(parts: Path, batch: Batch) -> Path:
+    return parts / f"{batch.group}_{batch.task_id:04d}_{batch.first:06d}.{STEPS_FILE}"
+
+
+def _episodes_file(parts: Path, batch: Batch) -> Path:
+    return parts / f"{batch.group}_{batch.task_id:04d}_{batch.first:06d}.{EPISODES_FILE}"
+
+
+def _join(parts: Sequence[Path], schema: Any, output: Path, facts: Mapping[str, Any]) -> None:
+    tables = [traces.read_table(part, schema)[0] for part in parts]
+    traces.write(traces.concatenate(tables, schema), output, facts)
+
+
+@contextmanager
+def _claimed(folder: Path, facts: Mapping[str, Any]) -> Iterator[None]:
+    """Keep a folder for one evaluation, and for one process at a time."""
+    note, described = folder / _NOTE, json.dumps(facts, indent=2, sort_keys=True) + "\n"
+    if folder.exists() and not note.is_file() and any(path.name != _LOCK for path in folder.iterdir()):
+        raise UserError(f"{folder} is in the way and was not made by this program: choose another --output_dir")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / _LOCK, timeout=0):
+            if note.is_file() and note.read_text(encoding="utf-8") != described:
+                differing = _differences(json.loads(note.read_text(encoding="utf-8")), json.loads(described))
+                raise UserError(f"{folder} holds another evaluation ({differing}): choose another --output_dir")
+            _write(note, described)
+            yield
+    except Timeout:
+        raise UserError(f"{folder}: another process is recording there; wait or choose another --output_dir") from None
+
+
+def _write(path: Path, text: str) -> None:
+    aside = path.with_name(path.name + ".partial")
+    aside.write_text(text, encoding="utf-8")
+    aside.replace(path)
+
+
+def _differences(before: Any, now: Any, name: str = "") -> str:
+    """What differs between two JSON values, by name; of long values only the name."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = [key for key in sorted({*before, *now}) if before.get(key) != now.get(key)]
+        return ", ".join(_differences(before.get(key), now.get(key), f"{name}.{key}".lstrip(".")) for key in keys)
+    shown = f"{before!r}, now {now!r}"
+    return f"{name} was {shown}" if len(shown) < 200 else f"{name} differs"

@@ -1,0 +1,45 @@
+"""Checkpoints as `lerobot-train` leaves them, made in a second."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from lerobot.configs import PreTrainedConfig
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.factory import make_policy, make_pre_post_processors
+from torch.utils.data import default_collate
+
+import lerobot_lisa  # noqa: F401  registers the policies
+from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
+from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+
+HORIZON, CODES = 3, 5
+SMALL: dict[str, Any] = {
+    "width": 32, "heads": 2, "language_encoder": "words", "device": "cpu", "push_to_hub": False
+}  # fmt: skip
+
+
+def checkpoint(root: Path, folder: Path, config: PreTrainedConfig) -> Path:
+    """A policy whose codebook has seen one batch of the dataset, which its training configuration names."""
+    dataset = LeRobotDataset("local/tiny", root=root)
+    policy = make_policy(config, ds_meta=dataset.meta)
+    pipelines = make_pre_post_processors(config, dataset_stats=dataset.meta.stats)
+    policy.train()
+    policy.forward(
+        pipelines[0](default_collate([dataset[start] for start in dataset.meta.episodes["dataset_from_index"]]))
+    )
+    for part in (policy, *pipelines):
+        part.save_pretrained(folder)
+    named = {"dataset": {"repo_id": "local/tiny", "root": str(root), "episodes": None}}
+    (folder / "train_config.json").write_text(json.dumps(named))
+    return folder
+
+
+def lisa(root: Path, folder: Path, **settings: Any) -> Path:
+    """A LISA checkpoint."""
+    return checkpoint(root, folder, LisaConfig(**{**SMALL, "horizon": HORIZON, "codebook_size": CODES, **settings}))
+
+
+def lang_dt(root: Path, folder: Path, **settings: Any) -> Path:
+    """A Lang-DT checkpoint."""
+    return checkpoint(root, folder, LangDTConfig(**{**SMALL, **settings}))
