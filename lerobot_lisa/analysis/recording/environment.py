@@ -56,7 +56,7 @@ class Watcher(Protocol):
 
 
 class _Row(NamedTuple):
-    index: int
+    environment: int
     values: tuple[Any, ...]
 
 
@@ -132,8 +132,8 @@ class RecordingEnv:
     def trace(self) -> pa.Table:
         """The rollout since the last reset, columns of `STEPS`, episode after episode."""
         group, task_id, first = self._batch
-        rows = sorted(self._rows, key=lambda row: row.index)  # stable: steps stay in order
-        listed = [(group, task_id, first + row.index, *row.values) for row in rows]
+        rows = sorted(self._rows, key=lambda row: row.environment)  # stable: steps stay in order
+        listed = [(group, task_id, first + row.environment, *row.values) for row in rows]
         columns = list(zip(*listed, strict=True)) or [()] * len(STEPS)
         return pa.table([pa.array(column, kind) for column, kind in zip(columns, STEPS.types, strict=True)], STEPS)
 

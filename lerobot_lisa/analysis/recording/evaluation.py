@@ -52,6 +52,12 @@ class EvaluationConfig:
             raise UserError("--n_episodes and --batch_size must be at least 1, --seed at least 0")
         self.batch_size = min(self.batch_size, self.n_episodes)
 
+    @property
+    def checkpoint(self) -> str:
+        """The policy's folder or Hub id."""
+        assert self.policy is not None  # refused above
+        return str(self.policy.pretrained_path)
+
     @classmethod
     def __get_path_fields__(cls) -> list[str]:
         """LeRobot's parser takes `--policy.path` out before draccus sees it."""
@@ -103,7 +109,7 @@ def load(config: EvaluationConfig) -> Evaluation:
     policy = make_policy(deepcopy(config.policy), env_cfg=config.env)  # which fills in what the environment says
     preprocess, postprocess = make_pre_post_processors(
         config.policy,
-        pretrained_path=str(config.policy.pretrained_path),
+        pretrained_path=config.checkpoint,
         preprocessor_overrides={"device_processor": {"device": str(policy.config.device)}},
     )
     before, after = make_env_pre_post_processors(env_cfg=config.env, policy_cfg=config.policy)

@@ -56,9 +56,9 @@ def describe(config: EvaluationConfig, **more: Any) -> dict[str, Any]:
     """The facts of an evaluation, JSON values: the same facts give the same trace."""
     from importlib.metadata import version
 
-    weights = Path(config.policy.pretrained_path) / "model.safetensors"
+    weights = Path(config.checkpoint) / "model.safetensors"
     return {
-        "policy_path": str(config.policy.pretrained_path),
+        "policy_path": config.checkpoint,
         "weights_sha256": sha256(weights.read_bytes()).hexdigest() if weights.is_file() else None,
         "policy": draccus.encode(config.policy, PreTrainedConfig),
         "env": draccus.encode(config.env, EnvConfig),
