@@ -1,0 +1,1 @@
+"""Speed against named alternatives: `python -m benchmarks` prints the whole table."""
