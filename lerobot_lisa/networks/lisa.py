@@ -12,6 +12,7 @@ from lerobot_lisa.networks.codebook import Codebook, Quantized
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.skill_plan import SkillPlan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.transformer import Memory
 
@@ -25,12 +26,16 @@ class LisaHistory(History):
         unseen: Observations since the last question, which the skill predictor has not been shown yet.
         policy: What the policy remembers of the current chunk.
         codes: (B,) skill codes of the current chunk.
+        predicted: (B,) what the skill predictor chose for it; something else than `codes` where a plan overrides it.
+        plan: Whose codes are followed; set before the first step.
     """
 
     predictor: Memory
     unseen: list[Mapping[str, Tensor]] = field(default_factory=list)
     policy: Memory | None = None
     codes: Tensor | None = None
+    predicted: Tensor | None = None
+    plan: SkillPlan = field(default_factory=SkillPlan)
 
 
 class Lisa(EpisodeNetwork):
@@ -85,21 +90,27 @@ class Lisa(EpisodeNetwork):
         return LisaHistory(predictor=self.predictor.begin(self.language(tokens, tokens_valid), tokens_valid))
 
     def act(self, history: LisaHistory, observations: Mapping[str, Tensor]) -> Tensor:
-        """Take one more step; a skill code is chosen at steps 0, H, 2H, ..."""
+        """Take one more step; a skill code is chosen at steps 0, H, 2H, ... of each phase of the plan."""
         history.unseen.append(observations)
-        step_in_chunk = history.step % self.horizon
+        code, step_in_phase = history.plan.at(history.step)
+        step_in_chunk = step_in_phase % self.horizon
         if step_in_chunk == 0:
-            self._choose_skill(history)
+            self._choose_skill(history, code)
         if history.policy is None:
             raise RuntimeError("a rollout starts at step 0")
         previous = history.actions if step_in_chunk else None
         history.step += 1
         return self.policy.step(history.policy, step_in_chunk, observations, previous)
 
-    def _choose_skill(self, history: LisaHistory) -> None:
+    def _choose_skill(self, history: LisaHistory, planned: int | None) -> None:
+        """Ask the skill predictor, whose memory and answer are wanted even where the plan has a code of its own."""
         recent = {key: torch.stack([seen[key] for seen in history.unseen], dim=1) for key in history.unseen[0]}
         first = history.step + 1 - len(history.unseen)
         skills = self.codebook(self.predictor.ask(history.predictor, recent, first))
         history.unseen.clear()
-        history.codes = skills.codes
-        history.policy = self.policy.begin(self.skill_embedding(skills.embeddings)[:, None])
+        history.codes = history.predicted = skills.codes
+        embeddings = skills.embeddings
+        if planned is not None:
+            history.codes = torch.full_like(skills.codes, planned)
+            embeddings = self.codebook.embed(history.codes)
+        history.policy = self.policy.begin(self.skill_embedding(embeddings)[:, None])

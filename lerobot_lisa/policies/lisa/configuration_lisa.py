@@ -23,6 +23,8 @@ class LisaConfig(EpisodePolicyConfig):
         commitment_weight: lambda, weight of the commitment loss.
         dead_code_threshold: A code that stands for fewer embeddings of a batch than this, in the moving average, is put
             onto a random embedding; 0 never does. The paper does not mention it; without it codes die.
+        skill_plan: Skill codes to follow in rollouts in place of the skill predictor's, such as "14" for the whole
+            episode or "14*20,2*20" (see `networks.skill_plan`); None: none. The loss takes no notice of it.
         optimizer_lr_skill_predictor: Rate of the skill predictor and of the codebook's projections.
     """
 
@@ -34,6 +36,8 @@ class LisaConfig(EpisodePolicyConfig):
     codebook_decay: float = 0.99
     commitment_weight: float = 0.25
     dead_code_threshold: float = 1.0
+
+    skill_plan: str | None = None
 
     optimizer_lr_skill_predictor: float = 1e-5
 

@@ -8,6 +8,7 @@ from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.codebook import Codebook, mutual_information, perplexity
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.skill_plan import SkillPlan, read_plan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
@@ -23,6 +24,11 @@ class LisaPolicy(EpisodePolicy):
     name = "lisa"
     config: LisaConfig
     network: Lisa
+
+    def __init__(self, config: LisaConfig, *arguments: Any, **named: Any) -> None:
+        """Build the policy, ready to follow the configured plan; see `EpisodePolicy`."""
+        super().__init__(config, *arguments, **named)
+        self.follow(config.skill_plan)
 
     def make_network(self, action_bounds: Tensor) -> Lisa:
         """Skill predictor, codebook and policy of the configured sizes."""
@@ -72,10 +78,31 @@ class LisaPolicy(EpisodePolicy):
         }
         return outputs, skills.commitment, metrics
 
+    def follow(self, plan: str | None) -> None:
+        """Steer rollouts from the next one on: LeRobot's own evaluation then runs the plan, in every environment.
+
+        Args:
+            plan: Such as "14" or "14*20,2*20", see `SkillPlan`; None: the skill predictor chooses.
+
+        Raises:
+            UserError: It is no plan, or there is no such code.
+        """
+        self._plan = SkillPlan() if plan is None else read_plan(plan, self.config.codebook_size)
+        self.config.skill_plan = plan
+
+    def _begin(self, tokens: Tensor, valid: Tensor) -> None:
+        super()._begin(tokens, valid)
+        self._history.plan = self._plan
+
     @property
     def skill_codes(self) -> Tensor | None:
         """Skill codes (B,) that the current rollout follows; None before its first step."""
         return None if self._history is None else self._history.codes
+
+    @property
+    def predicted_codes(self) -> Tensor | None:
+        """Skill codes (B,) that the skill predictor chose when a code was last due, followed or not."""
+        return None if self._history is None else self._history.predicted
 
 
 def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
