@@ -5,16 +5,11 @@ import hashlib
 import numpy as np
 
 from dataset_converters.lorel.episode import LorelEpisode
-from lerobot_lisa.envs.lorel.gl import choose_gl
+from lerobot_lisa.envs.lorel.drawable_mujoco import mujoco
 from lerobot_lisa.envs.lorel.labels import describe
+from lerobot_lisa.envs.lorel.scene import build_model, engine
+from lerobot_lisa.envs.lorel.simulator import LorelSimulator
 from lerobot_lisa.envs.lorel.state import ACTION_HIGH, EPISODE_STEPS
-
-choose_gl()  # before MuJoCo is imported: whoever plays may also want to draw
-
-import mujoco  # noqa: E402
-
-from lerobot_lisa.envs.lorel.scene import build_model, engine  # noqa: E402
-from lerobot_lisa.envs.lorel.simulator import LorelSimulator  # noqa: E402
 
 
 def play(simulator: LorelSimulator, seed: int) -> LorelEpisode:

@@ -10,19 +10,15 @@ import atexit
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType, TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lerobot_lisa.envs.lorel.gl import choose_gl, no_gl
+from lerobot_lisa.envs.lorel.drawable_mujoco import mujoco
+from lerobot_lisa.envs.lorel.gl import no_gl
+from lerobot_lisa.envs.lorel.scene import build_model
 from lerobot_lisa.errors import UserError
-
-choose_gl()
-
-import mujoco  # noqa: E402
-
-from lerobot_lisa.envs.lorel.scene import build_model  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,7 @@ class Camera:
         self._quality, self._size = QUALITIES[check_quality(quality)], check_size(size)
         self._model = build_model(arm)
         self._data = mujoco.MjData(self._model)
-        self._renderer: mujoco.Renderer | None = None
+        self._renderer: Any = None
 
     def frame(self, state: ArrayLike) -> np.ndarray:
         """Draw a state.
@@ -119,12 +115,14 @@ class Camera:
     ) -> None:
         self.close()
 
-    def _open(self) -> mujoco.Renderer:
+    def _open(self) -> Any:
         # Read once, when the context is made, and put back: cameras of other qualities and the simulators share the
         # model, and a collection tells scenes apart by its bytes.
         quality = self._model.vis.quality
         samples, quality.offsamples = quality.offsamples, self._quality.samples
         try:
+            if not hasattr(mujoco, "Renderer"):  # MuJoCo keeps to itself why it could not load one
+                raise RuntimeError("MuJoCo cannot load it")
             renderer = mujoco.Renderer(self._model, self._size, self._size)
         except Exception as error:  # whatever OpenGL's bindings throw
             raise no_gl(error) from error

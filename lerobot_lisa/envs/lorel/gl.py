@@ -20,10 +20,8 @@ def choose_gl() -> str:
     Returns:
         The setting; empty if it is left to MuJoCo.
     """
-    if not os.environ.get("MUJOCO_GL") and sys.platform == "linux" and "mujoco" not in sys.modules:
-        backend = "egl" if _egl_works() else "osmesa" if _loads("libOSMesa.so.8", "libOSMesa.so") else ""
-        if backend:
-            os.environ["MUJOCO_GL"] = backend
+    if not os.environ.get("MUJOCO_GL") and "mujoco" not in sys.modules and (backend := _find_backend()):
+        os.environ["MUJOCO_GL"] = backend
     return os.environ.get("MUJOCO_GL", "")
 
 
@@ -31,7 +29,16 @@ def no_gl(error: BaseException) -> UserError:
     """What to say when no picture can be drawn."""
     setting = os.environ.get("MUJOCO_GL") or "not set"
     reason = " ".join(str(error).split()) or type(error).__name__
-    return UserError(f"cannot draw the tabletop (MUJOCO_GL is {setting}: {reason}): {_HELP}")
+    late = not os.environ.get("MUJOCO_GL") and _find_backend()
+    help_ = f"set MUJOCO_GL={late} before mujoco is imported" if late else _HELP
+    return UserError(f"cannot draw the tabletop (MUJOCO_GL is {setting}: {reason}): {help_}")
+
+
+def _find_backend() -> str:
+    """What works here without a display; empty if nothing does, or where MuJoCo finds its own way."""
+    if sys.platform != "linux":
+        return ""
+    return "egl" if _egl_works() else "osmesa" if _loads("libOSMesa.so.8", "libOSMesa.so") else ""
 
 
 def _loads(*names: str) -> bool:

@@ -9,8 +9,7 @@ from string import Template
 from types import MappingProxyType
 from xml.sax.saxutils import escape
 
-import mujoco
-
+from lerobot_lisa.envs.lorel.drawable_mujoco import mujoco
 from lerobot_lisa.envs.lorel.installation import INSTALL
 from lerobot_lisa.errors import UserError
 

@@ -1,8 +1,5 @@
 """Pictures depend on the state and the quality alone, and equal the original's in full quality."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import drawing
@@ -67,23 +64,3 @@ def test_refusals() -> None:
 
 def test_named_qualities() -> None:
     assert list(QUALITIES) == ["minimal", "smooth", "full"]
-
-
-@pytest.mark.slow
-def test_no_gl_is_explained_and_states_do_without() -> None:
-    code = """
-import logging
-from lerobot_lisa.envs.lorel.env import LorelEnv
-env = LorelEnv(obs_type="state", render_size=32)
-env.reset(seed=0)
-assert env.render().max() == 0
-env.render()
-LorelEnv(obs_type="pixels").reset(seed=0)
-"""
-    environment = {**os.environ, "MUJOCO_GL": "disable"}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
-    assert run.stdout == ""
-    assert run.stderr.count("Videos are black") == 1
-    last = run.stderr.strip().splitlines()[-1]
-    assert "cannot draw the tabletop (MUJOCO_GL is disable" in last
-    assert "apt-get install libegl1 libgl1-mesa-dri" in last
