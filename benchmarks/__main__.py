@@ -5,9 +5,11 @@
     python -m benchmarks --json new.json --compare old.json
     python -m benchmarks --rows new.json --compare old.json   two files, without measuring
 
-Both sides of a row do the same work in the same process, in turns; figures are medians over the repeats. Parts that need
-data read the dataset in --root, made with
-`python -m dataset_converters.babyai generate --level GoToSeq --episodes 1000 --root data/gotoseq_1k --repo-id local/babyai_gotoseq_1k`.
+Both sides of a row do the same work in the same process, in turns; figures are medians over the repeats. Data are read
+from the dataset in --root, which this makes:
+
+    python -m dataset_converters.babyai generate --level GoToSeq --episodes 1000 \\
+        --root data/gotoseq_1k --repo-id local/babyai_gotoseq_1k
 """
 
 import argparse
@@ -17,11 +19,11 @@ import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("HF_HUB_OFFLINE", "1")
-logging.getLogger("lerobot.utils.import_utils").setLevel(logging.ERROR)  # sixty lines about video that nobody uses here
-
 from benchmarks.table import Row, as_markdown, comparison, details, load, save
 from lerobot_lisa.errors import UserError, exit_code
+
+os.environ.setdefault("HF_HUB_OFFLINE", "1")  # before a part imports LeRobot
+logging.getLogger("lerobot.utils.import_utils").setLevel(logging.ERROR)  # sixty lines about video that nobody uses here
 
 PARTS = {
     "windows": "windows and whole episodes from the episode store",

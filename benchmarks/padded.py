@@ -1,8 +1,8 @@
 """The paper's networks written down plainly: the alternative that our training step is measured against.
 
-Whole episodes are padded to the longest of their batch, every position goes through every layer, and the transformers are
-PyTorch's own `nn.TransformerEncoder` with its default dropout, on attention weights too. What makes up the model (encoders,
-codebook, heads, sizes, weights) is taken from one of our networks, so that without dropout the loss is the same.
+Whole episodes are padded to the longest of their batch, every position goes through every layer, and the transformers
+are PyTorch's own `nn.TransformerEncoder` with its default dropout, on attention weights too. What makes up the model
+(encoders, codebook, heads, sizes, weights) is taken from one of our networks: without dropout the loss is the same.
 """
 
 from copy import deepcopy

@@ -1,93 +1,102 @@
 """Fill an episode store from a LeRobotDataset: numbers straight from parquet, pictures through LeRobot's decoder."""
 
-import hashlib
-import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import logging
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
-from lerobot.utils.constants import HF_LEROBOT_HOME
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from lerobot_lisa.episodes.disk import Allocate, Array, mapped_columns
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
 
 if TYPE_CHECKING:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
-Array = NDArray[Any]
-Allocate = Callable[[str, tuple[int, ...], np.dtype[Any]], Array]
+_SHARE_OF_MEMORY = 0.5  # of what is free; the rest is for training
 
 
 def load_episodes(meta: "LeRobotDatasetMetadata", keys: Sequence[str], location: str = "memory") -> EpisodeStore:
-    """Read features of every frame of a dataset.
+    """Read features of every frame of a dataset that is on disk under `meta.root`.
+
+    Of a dataset that was fetched in part (`--dataset.episodes`), the episodes of the missing files are left out; asking
+    the store for one of them is an error.
 
     Args:
-        meta: The dataset, complete on disk under `meta.root`.
+        meta: The dataset.
         keys: Features to read.
-        location: "memory", or "disk" for files that are mapped into memory and shared between processes.
+        location: "memory", or "disk" for files that are mapped into memory and shared between processes. What does not
+            fit into memory goes to disk by itself.
 
     Raises:
-        UserError: The files do not hold the frames that the metadata promises.
+        UserError: The dataset lacks a feature, or the files do not hold the frames that the metadata promises.
     """
-    starts, stops = meta.episodes["dataset_from_index"], meta.episodes["dataset_to_index"]
-    lengths = [stop - start for start, stop in zip(starts, stops, strict=True)]
-    columns = _mapped(meta, keys) if location == "disk" else _read(meta, keys, lambda _, s, t: np.empty(s, t))
-    return EpisodeStore({key: torch.from_numpy(column) for key, column in columns.items()}, list(starts), lengths)
+    _check_keys(meta, keys)
+    starts, stops = (np.asarray(meta.episodes[f"dataset_{end}_index"]) for end in ("from", "to"))
+    present = _present_episodes(meta)
+    missing = int((stops - starts)[~present].sum())
+    if location == "disk" or not _fits_memory(meta, keys):
+        columns = mapped_columns(Path(meta.root), keys, lambda allocate: _read(meta, keys, allocate, present, missing))
+    else:
+        columns = _read(meta, keys, lambda _, shape, dtype: np.empty(shape, dtype), present, missing)
+    tensors = {key: torch.from_numpy(column) for key, column in columns.items()}
+    return EpisodeStore(tensors, starts, stops - starts, present)
 
 
-def _mapped(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> dict[str, Array]:
-    """Columns as memory-mapped files, made once for each state of the dataset's files."""
-    folder = HF_LEROBOT_HOME / "lisa_episode_store" / _fingerprint(meta, keys)
-    if not folder.exists():
-        _make_files(meta, keys, folder)
-    # Copy-on-write: torch wants a writable array, and nothing must ever reach the files.
-    return {key: np.load(folder / f"{key}.npy", mmap_mode="c") for key in keys}
+def _check_keys(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> None:
+    for key in keys:
+        if key not in meta.features:
+            raise UserError(f"{meta.root}: the dataset has no feature `{key}`; it has {', '.join(meta.features)}")
 
 
-def _make_files(meta: "LeRobotDatasetMetadata", keys: Sequence[str], folder: Path) -> None:
-    """Build aside and rename; processes that train together may do so at the same time, and the first one wins."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent))
-
-    def allocate(key: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
-        return np.lib.format.open_memmap(partial / f"{key}.npy", mode="w+", dtype=dtype, shape=shape)
-
-    try:
-        _read(meta, keys, allocate)
-        partial.rename(folder)
-    except OSError:
-        if not folder.exists():
-            raise
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+def _present_episodes(meta: "LeRobotDatasetMetadata") -> Array:
+    """(episodes,) whether the file that holds an episode's numbers is there."""
+    places = np.stack([np.asarray(meta.episodes[f"data/{part}_index"]) for part in ("chunk", "file")], axis=1)
+    files, which = np.unique(places, axis=0, return_inverse=True)
+    there = [
+        (Path(meta.root) / meta.data_path.format(chunk_index=c, file_index=f)).is_file() for c, f in files.tolist()
+    ]
+    if not any(there):
+        raise UserError(f"{meta.root}: none of the dataset's {len(there)} data files is there: fetch it again")
+    return np.array(there)[which.reshape(-1)]
 
 
-def _fingerprint(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> str:
-    """Changes whenever the dataset's place, files or the features asked for change."""
-    files = sorted(path for path in Path(meta.root).rglob("*") if path.is_file())
-    state = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
-    return hashlib.sha256(repr((sorted(keys), state)).encode()).hexdigest()[:32]
+def _fits_memory(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> bool:
+    size = sum(meta.total_frames * math.prod(meta.features[key]["shape"]) * _dtype(meta, key).itemsize for key in keys)
+    free = psutil.virtual_memory().available
+    if size <= _SHARE_OF_MEMORY * free:
+        return True
+    logging.info("%s: %.1f GB of frames are memory-mapped, %.1f GB are free", meta.root, size / 1e9, free / 1e9)
+    return False
 
 
-def _read(meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate) -> dict[str, Array]:
+def _dtype(meta: "LeRobotDatasetMetadata", key: str) -> np.dtype:
+    name = meta.features[key]["dtype"]
+    return np.dtype("uint8" if name in ("image", "video") else name)
+
+
+def _read(
+    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, present: Array, missing: int
+) -> dict[str, Array]:
     pictures = [key for key in keys if meta.features[key]["dtype"] in ("image", "video")]
     numbers = [key for key in keys if key not in pictures]
-    return {**_read_numbers(meta, numbers, allocate), **_read_pictures(meta, pictures, allocate)}
+    columns = _read_numbers(meta, numbers, allocate, missing)
+    return {**columns, **_read_pictures(meta, pictures, allocate, present)}
 
 
-def _read_numbers(meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate) -> dict[str, Array]:
+def _read_numbers(
+    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, missing: int
+) -> dict[str, Array]:
+    """Columns of all frames; those of `missing` ones, whose files are not there, stay as they were allocated."""
     frames = meta.total_frames
-    columns = {
-        key: allocate(key, (frames, *meta.features[key]["shape"]), np.dtype(meta.features[key]["dtype"]))
-        for key in keys
-    }
+    columns = {key: allocate(key, (frames, *meta.features[key]["shape"]), _dtype(meta, key)) for key in keys}
     seen = 0
     for table in _tables(Path(meta.root), [*keys, "index"]):
         index = table.column("index").to_numpy()
@@ -98,9 +107,9 @@ def _read_numbers(meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate:
         for key, column in columns.items():
             column[index] = _values(table.column(key)).reshape(len(index), *column.shape[1:])
         seen += len(index)
-    if seen != frames:
+    if seen + missing != frames:
         raise UserError(
-            f"{meta.root}: data files hold {seen} frames, but meta/info.json counts {frames}: fetch it again"
+            f"{meta.root}: data files hold {seen} frames, but {frames - missing} belong there: fetch it again"
         )
     return columns
 
@@ -123,20 +132,22 @@ def _values(column: pa.ChunkedArray) -> Array:
     return array.to_numpy(zero_copy_only=False)
 
 
-def _read_pictures(meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate) -> dict[str, Array]:
-    """Decode pictures once, to uint8 with channels first."""
+def _read_pictures(
+    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, present: Array
+) -> dict[str, Array]:
+    """Decode pictures of the episodes that are there once, to uint8 with channels first."""
     if not keys:
         return {}
     from lerobot.datasets.lerobot_dataset import LeRobotDataset  # slow to import, needed for pictures only
 
-    dataset = LeRobotDataset(meta.repo_id, root=meta.root, return_uint8=True)
+    episodes = None if present.all() else np.flatnonzero(present).tolist()
+    dataset = LeRobotDataset(meta.repo_id, root=meta.root, episodes=episodes, return_uint8=True)
     columns: dict[str, Array] = {}
-    for index in _progress(range(meta.total_frames)):
-        frame = dataset[index]
+    for frame in _progress((dataset[i] for i in range(len(dataset))), len(dataset)):
         for key in keys:
             if key not in columns:
-                columns[key] = allocate(key, (meta.total_frames, *frame[key].shape), np.dtype("uint8"))
-            columns[key][index] = _bytes(frame[key])
+                columns[key] = allocate(key, (meta.total_frames, *frame[key].shape), _dtype(meta, key))
+            columns[key][int(frame["index"])] = _bytes(frame[key])
     return columns
 
 
@@ -145,5 +156,5 @@ def _bytes(picture: torch.Tensor) -> Array:
     return scaled.numpy()
 
 
-def _progress(frames: Iterable[int]) -> Iterable[int]:
-    return tqdm(frames, desc="Decoding pictures", unit="frame", disable=None)
+def _progress(frames: Iterable[dict[str, torch.Tensor]], total: int) -> Iterable[dict[str, torch.Tensor]]:
+    return tqdm(frames, total=total, desc="Decoding pictures", unit="frame", disable=None)

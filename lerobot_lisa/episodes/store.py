@@ -5,11 +5,13 @@ The policies therefore ask that loader for single frames only, and fetch whole e
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.packing import Packing
 
 
@@ -32,11 +34,19 @@ class EpisodeStore:
         columns: Features of every frame, each (frames, *shape).
         starts: First frame of each episode.
         lengths: Frames of each episode.
+        present: Whether an episode's frames are there; None: all are.
     """
 
-    def __init__(self, columns: Mapping[str, Tensor], starts: Sequence[int], lengths: Sequence[int]) -> None:
+    def __init__(
+        self,
+        columns: Mapping[str, Tensor],
+        starts: Sequence[int] | NDArray[Any],
+        lengths: Sequence[int] | NDArray[Any],
+        present: NDArray[Any] | None = None,
+    ) -> None:
         self.columns = dict(columns)
         self.starts, self.lengths = torch.as_tensor(starts), torch.as_tensor(lengths)
+        self.present = torch.ones(len(self.starts), dtype=torch.bool) if present is None else torch.as_tensor(present)
 
     def gather(self, episodes: Tensor, device: torch.device | str = "cpu") -> Episodes:
         """Fetch whole episodes.
@@ -47,8 +57,14 @@ class EpisodeStore:
 
         Returns:
             Their frames and where each episode lies among them.
+
+        Raises:
+            UserError: An episode is in a part of the dataset that has not been fetched.
         """
         chosen = episodes.cpu()
+        if not self.present[chosen].all():
+            absent = int(chosen[~self.present[chosen]][0])
+            raise UserError(f"episode {absent} is not on disk: its data file has not been fetched with the others")
         spans = [
             slice(start, start + length)
             for start, length in zip(self.starts[chosen].tolist(), self.lengths[chosen].tolist(), strict=True)
@@ -62,4 +78,9 @@ class EpisodeStore:
     def to(self, device: torch.device | str) -> "EpisodeStore":
         """The same store with its frames on `device`, so that gathering copies nothing between host and device."""
         moved = {key: column.to(device) for key, column in self.columns.items()}
-        return EpisodeStore(moved, self.starts.tolist(), self.lengths.tolist())
+        return EpisodeStore(moved, self.starts.numpy(), self.lengths.numpy(), self.present.numpy())
+
+    def renamed(self, names: Mapping[str, str]) -> "EpisodeStore":
+        """The same store with features under other names: `names` maps old ones to new ones."""
+        columns = {names.get(key, key): column for key, column in self.columns.items()}
+        return EpisodeStore(columns, self.starts.numpy(), self.lengths.numpy(), self.present.numpy())

@@ -21,6 +21,7 @@ from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
 from lerobot_lisa.policies.instructions import build_vocabulary
 from lerobot_lisa.policies.model_card import make_model_card
+from lerobot_lisa.policies.renaming import renamed_features
 from lerobot_lisa.policies.step_randomness import StepRandomness
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class EpisodePolicy(PreTrainedPolicy):
         config.image_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._store: EpisodeStore | None = None
+        self._renamed: dict[str, str] = {}  # the dataset's name to the policy's
         self._history: Any = None
         self._instruction: Tensor | None = None
         self.rollouts = 0
@@ -108,6 +110,7 @@ class EpisodePolicy(PreTrainedPolicy):
             UserError: The policy was built without a dataset.
         """
         self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
+        self._note_renamed_features(batch)
         frames, packing = self.episode_store.gather(batch["episode_index"], self._device)
         frames = self._scaled(frames)
         actions = frames.pop(ACTION).reshape(packing.total, -1)
@@ -130,9 +133,15 @@ class EpisodePolicy(PreTrainedPolicy):
                     f"{self.name} learns from whole episodes: build it with make_policy(cfg, ds_meta=dataset.meta)"
                 )
             location = self.config.episode_store
-            store = load_episodes(self._dataset, [*self.config.input_features, ACTION], location)
+            theirs = {ours: name for name, ours in self._renamed.items()}
+            keys = [*(theirs.get(key, key) for key in self.config.input_features), ACTION]
+            store = load_episodes(self._dataset, keys, location).renamed(self._renamed)
             self._store = store.to(self._device) if location == "device" else store
         return self._store
+
+    def _note_renamed_features(self, batch: dict[str, Any]) -> None:
+        if self._store is None and self._dataset is not None:
+            self._renamed = renamed_features(self.config.input_features, self._dataset.features, batch)
 
     def _scaled(self, frames: dict[str, Tensor]) -> dict[str, Tensor]:
         """What the preprocessor does to observations and actions in a rollout, done to stored ones."""

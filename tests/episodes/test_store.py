@@ -4,11 +4,13 @@ import json
 import shutil
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tiny_datasets
 import torch
+from filelock import FileLock
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.dataset_tools import delete_episodes
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -120,7 +122,7 @@ def copied(root: Path, to: Path) -> Path:
 
 
 def folders(home: Path) -> set[Path]:
-    return set((home / "lisa_episode_store").glob("*"))
+    return {path for path in (home / "lisa_episode_store").glob("*") if path.is_dir()}
 
 
 def test_disk_reads_once_until_the_files_change(
@@ -143,9 +145,95 @@ def test_disk_reads_once_until_the_files_change(
     info = json.loads((root / "meta/info.json").read_text())
     (root / "meta/info.json").write_text(json.dumps(info, indent=8))
     load_episodes(open_meta(root), keys, "disk")
-    assert len(folders(lerobot_home) - before) == 2
+    (changed,) = folders(lerobot_home) - before  # what the files were before has gone
+    assert changed != made
     load_episodes(open_meta(root), ["action"], "disk")
-    assert len(folders(lerobot_home) - before) == 3
+    assert len(folders(lerobot_home) - before) == 2
+    assert torch.equal(
+        first.columns["action"], again.columns["action"].zero_() + first.columns["action"]
+    )  # still mapped
+
+
+def test_new_disk_stores_clear_away_what_is_of_no_use(symbolic: Path, tmp_path: Path, lerobot_home: Path) -> None:
+    gone, root = copied(symbolic, tmp_path / "gone"), copied(symbolic, tmp_path / "data")
+    load_episodes(open_meta(gone), ["action"], "disk")
+    home = lerobot_home / "lisa_episode_store"
+    foreign, killed, building = home / "foreign", home / "0.killed.partial", home / "0.building.partial"
+    for folder in (foreign, killed, building):
+        folder.mkdir()
+    (killed / "action.npy").touch()
+    before = folders(lerobot_home)
+    shutil.rmtree(gone)
+
+    with FileLock(f"{building}.lock"):
+        load_episodes(open_meta(root), ["action"], "disk")
+
+    assert {path.name for path in (foreign, building)} <= {path.name for path in folders(lerobot_home)}
+    assert not killed.exists()
+    assert len(folders(lerobot_home) - before) == 1
+    assert len(before - folders(lerobot_home)) >= 2  # `killed`, and what was made of `gone`
+    shutil.rmtree(building)
+    shutil.rmtree(foreign)
+
+
+def test_what_does_not_fit_into_memory_goes_to_disk(
+    symbolic: Path, tmp_path: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, before = copied(symbolic, tmp_path / "data"), folders(lerobot_home)
+    monkeypatch.setattr(load.psutil, "virtual_memory", lambda: SimpleNamespace(available=1000))
+
+    store = load_episodes(open_meta(root), ["observation.grid"])
+
+    assert len(folders(lerobot_home) - before) == 1
+    monkeypatch.undo()
+    in_memory = load_episodes(open_meta(root), ["observation.grid"])
+    assert torch.equal(store.columns["observation.grid"], in_memory.columns["observation.grid"])
+
+
+@pytest.mark.parametrize("kind", ["numbers", "pictures"])
+def test_a_dataset_that_was_fetched_in_part(kind: str, tmp_path: Path) -> None:
+    """As `--dataset.episodes` fetches it from the Hub: all metadata, but only the files of the episodes asked for."""
+    whole, part = three_files(tmp_path / "whole", kind), tmp_path / "part"
+    shutil.copytree(whole, part)
+    middle = sorted(part.rglob("data/**/*.parquet"))[1]
+    middle.unlink()
+    keys = feature_keys(open_meta(whole))
+    files = np.asarray(open_meta(whole).episodes["data/file_index"])
+    there = torch.from_numpy(np.flatnonzero(files != 1))
+
+    columns, _ = load_episodes(open_meta(part), keys).gather(there)
+
+    expected, _ = load_episodes(open_meta(whole), keys).gather(there)
+    assert all(torch.equal(columns[key], expected[key]) for key in keys)
+    with pytest.raises(UserError, match="episode 1 is not on disk"):
+        load_episodes(open_meta(part), keys).gather(torch.tensor([0, 1]))
+
+
+def test_a_dataset_without_its_data_files(symbolic: Path, tmp_path: Path) -> None:
+    root = copied(symbolic, tmp_path / "data")
+    shutil.rmtree(root / "data")
+    with pytest.raises(UserError, match="data files is there: fetch it again"):
+        load_episodes(LeRobotDatasetMetadata("local/tiny", root=root), ["action"])
+    with pytest.raises(UserError, match=r"has no feature `observation.smell`"):
+        load_episodes(open_meta(symbolic), ["observation.smell"])
+
+
+def three_files(root: Path, kind: str) -> Path:
+    """Three episodes in three data files, which incompressible frames fill."""
+    rng = np.random.default_rng(0)
+    noise = {"dtype": "float32", "shape": (8192,), "names": None}
+    camera = {"observation.images.front": tiny_datasets.CAMERA} if kind == "pictures" else {}
+    features = {"observation.state": noise, **camera, "action": tiny_datasets.CLASSES}
+
+    def frames(n: int) -> dict[str, np.ndarray]:
+        pictures = {key: rng.integers(0, 256, (n, 8, 6, 3), dtype=np.uint8) for key in camera}
+        state = rng.random((n, 8192), dtype=np.float32)
+        return {"observation.state": state, **pictures, "action": rng.integers(0, 7, n)}
+
+    episodes = [Episode("go", frames(n)) for n in (30, 25, 30)]
+    write_dataset(root, DatasetLayout("local/tiny", 10, features, data_files_size_in_mb=1), episodes)
+    assert len(list(root.rglob("data/**/*.parquet"))) == 3
+    return root
 
 
 def test_an_interrupted_disk_store_is_made_again(
