@@ -5,8 +5,11 @@ from collections.abc import Callable
 from types import TracebackType
 
 
-class UserError(ValueError):
-    """Bad input: the message is one line that names the file or field, what is wrong with it, and the fix."""
+class UserError(Exception):
+    """Bad input: the message is one line that names the file or field, what is wrong with it, and the fix.
+
+    No `ValueError`: the parser of LeRobot's command lines would put its own words in place of ours.
+    """
 
 
 def exit_code(work: Callable[[], object], interrupted: str = "interrupted") -> int:

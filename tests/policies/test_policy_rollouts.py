@@ -12,6 +12,7 @@ from lerobot.utils.constants import ACTION
 from tiny_policies import Training, training
 from torch import Tensor
 
+from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.packing import Packing
 
 HORIZON = 3
@@ -222,6 +223,6 @@ def test_training_needs_a_dataset(symbolic: Path) -> None:
     made = training("lisa", symbolic)
     alone = type(made.policy)(made.policy.config)
 
-    with pytest.raises(ValueError, match="learns from whole episodes"):
+    with pytest.raises(UserError, match="learns from whole episodes"):
         alone.forward(made.batch([0]))
     assert isinstance(made.dataset, LeRobotDataset)
