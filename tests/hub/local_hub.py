@@ -1,4 +1,4 @@
-"""A small Hugging Face Hub over real HTTP, as far as pushing and loading a policy needs one."""
+"""A small Hugging Face Hub over real HTTP, as far as pushing and loading policies and datasets needs one."""
 
 import base64
 import hashlib
@@ -8,8 +8,14 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 COMMIT = "1" * 40
+_API = r"/api/(?:models|datasets)/([^/]+/[^/]+)"
+
+
+def _reference(name: str) -> dict[str, str]:
+    return {"name": name.split("/")[1], "ref": f"refs/{name}", "targetCommit": COMMIT}
 
 
 class LocalHub:
@@ -17,6 +23,7 @@ class LocalHub:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self.tags: dict[str, list[str]] = {}
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (_Handler,), {"hub": self}))
 
     @property
@@ -62,26 +69,42 @@ class _Handler(BaseHTTPRequestHandler):
             self._json({"url": f"{self.hub.url}/{repo}", "name": repo, "id": repo})
         elif path == "/api/validate-yaml":
             self._json({"errors": [], "warnings": []})
-        elif re.fullmatch(r"/api/models/[^/]+/[^/]+/preupload/main", path):
+        elif re.fullmatch(rf"{_API}/preupload/main", path):
             files = [{"path": file["path"], "uploadMode": "regular"} for file in json.loads(body)["files"]]
             self._json({"files": [{**file, "shouldIgnore": False} for file in files]})
-        elif found := re.fullmatch(r"/api/models/([^/]+/[^/]+)/commit/main", path):
+        elif found := re.fullmatch(rf"{_API}/commit/main", path):
             self.hub.commit(found[1], body)
             self._json({"commitOid": COMMIT, "commitUrl": f"{self.hub.url}/{found[1]}/commit/{COMMIT}"})
+        elif found := re.fullmatch(rf"{_API}/tag/main", path):
+            self.hub.tags.setdefault(found[1], []).append(json.loads(body)["tag"])
+            self._json({})
         else:
             self._answer(404, b"", {})
 
     def do_GET(self) -> None:
         path = self.path.split("?")[0]
-        if found := re.fullmatch(r"/([^/]+/[^/]+)/resolve/[^/]+/(.+)", path):
-            self._file(self.hub.root / found[1] / found[2])
-        elif found := re.fullmatch(r"/api/models/([^/]+/[^/]+)(/revision/main)?", path):
+        if found := re.fullmatch(r"(?:/datasets)?/([^/]+/[^/]+)/resolve/[^/]+/(.+)", path):
+            self._file(self.hub.root / found[1] / unquote(found[2]))
+        elif found := re.fullmatch(rf"{_API}/refs", path):
+            self._json({"converts": [], "branches": [_reference("heads/main")], "tags": self._tags(found[1])})
+        elif found := re.fullmatch(rf"{_API}/tree/[^/]+", path):
+            self._json(
+                [{"type": "file", "path": name, **self._size(file)} for name, file in self.hub.files(found[1]).items()]
+            )
+        elif found := re.fullmatch(rf"{_API}(?:/revision/[^/]+)?", path):
             siblings = [{"rfilename": name} for name in self.hub.files(found[1])]
             self._json({"id": found[1], "sha": COMMIT, "private": False, "tags": [], "siblings": siblings})
         else:
             self._answer(404, b"", {})
 
     do_HEAD = do_GET
+
+    def _tags(self, repo: str) -> list[dict[str, str]]:
+        return [_reference(f"tags/{tag}") for tag in self.hub.tags.get(repo, [])]
+
+    @staticmethod
+    def _size(file: Path) -> dict[str, Any]:
+        return {"size": file.stat().st_size, "oid": hashlib.sha1(file.read_bytes()).hexdigest()}
 
     def _body(self) -> bytes:
         if self.headers.get("Transfer-Encoding", "").lower() != "chunked":
