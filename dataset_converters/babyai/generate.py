@@ -72,6 +72,26 @@ def generate(settings: GenerateSettings) -> GenerateResult:
     return GenerateResult(totals, failures, seeds[-1])
 
 
+def generate_range(level: str, seeds: SeedRange, root: Path, repo_id: str) -> DatasetTotals:
+    """Generate a dataset of every success of the bot in a range of seeds, one part of a larger dataset, without a card.
+
+    An interrupted run leaves its shards in `<root>.partial`, and the same arguments continue from there.
+
+    Raises:
+        UserError: for an unknown level, or an output that cannot be written.
+    """
+    level = check_level(level)
+    with staged(root, {"level": level, "first_seed": seeds.first, "stop": seeds.stop}) as partial:
+        shards = partial / "shards"
+        shards.mkdir(exist_ok=True)
+        parts = split_seeds(seeds, _SEEDS_PER_SHARD)
+        for part in parts:
+            make_shard(shards, level, part)
+        demonstrations = (demo for part in parts for demo in load_shard(shard_path(shards, part), level))
+        layout = babyai_layout(repo_id)
+        return write_dataset(partial / "dataset", layout, to_episodes((demo, None) for demo in demonstrations))
+
+
 def _fill_shards(shards: Path, level: str, settings: GenerateSettings) -> list[SeedRange]:
     """Make shards until they hold enough successes; later ones only make up for failures in earlier ones."""
     ranges: list[SeedRange] = []

@@ -1,0 +1,1 @@
+"""Datasets made by many processes or machines: shards through datatrove, then merged by LeRobot."""
