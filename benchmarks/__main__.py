@@ -55,15 +55,17 @@ def main() -> None:
 
 def measured(options: argparse.Namespace) -> list[Row]:
     """Rows of the chosen parts."""
+    import datasets
     import torch
 
+    datasets.disable_progress_bars()
     torch.set_num_threads(options.threads)
     if not (options.root / "meta/info.json").is_file():
         raise UserError(f"--root {options.root}: no dataset; make it with the command in `python -m benchmarks --help`")
     rows: list[Row] = []
     for part in options.parts or PARTS:
         found = importlib.import_module(f"benchmarks.{part}").rows(options)
-        print(as_markdown(found).splitlines()[-len(found) :], sep="\n", file=sys.stderr)
+        print(*as_markdown(found).splitlines()[-len(found) :], sep="\n", file=sys.stderr)
         rows += found
     return rows
 

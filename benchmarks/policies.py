@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+import numpy as np
 import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.datasets.sampler import EpisodeAwareSampler
@@ -15,6 +16,7 @@ from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 NAMES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
 CONFIGS = {"lisa": LisaConfig, "lang_dt": LangDTConfig}
 BATCH_SIZE = 128  # the paper's
+DRAWS = 21
 
 
 class Training:
@@ -29,14 +31,13 @@ class Training:
         self.policy.train()
 
     def batch(self, size: int = BATCH_SIZE) -> dict[str, Any]:
-        """One batch that LeRobot's sampler draws: of several, the one whose number of frames is the median."""
-        starts, stops = (self.dataset.meta.episodes[f"dataset_{end}_index"] for end in ("from", "to"))
+        """Of the first batches that `lerobot-train` draws with seed 0, the one with the median number of frames."""
+        starts, stops = (np.asarray(self.dataset.meta.episodes[f"dataset_{end}_index"]) for end in ("from", "to"))
         frames = iter(EpisodeAwareSampler(starts, stops, shuffle=True, seed=0))
-        draws = [[next(frames) for _ in range(size)] for _ in range(5)]
-        batches = [
-            self.preprocessor(torch.utils.data.default_collate([self.dataset[i] for i in draw])) for draw in draws
-        ]
-        return sorted(batches, key=lambda batch: int(self.lengths(batch).sum()))[len(batches) // 2]
+        draws = [[next(frames) for _ in range(size)] for _ in range(DRAWS)]
+        totals = [(stops - starts)[np.searchsorted(stops, draw, side="right")].sum() for draw in draws]
+        chosen = draws[np.argsort(totals)[DRAWS // 2]]
+        return self.preprocessor(torch.utils.data.default_collate([self.dataset[i] for i in chosen]))
 
     def lengths(self, batch: dict[str, Any]) -> torch.Tensor:
         """Frames of each episode of a batch."""
