@@ -1,0 +1,119 @@
+"""`lisa-rollout`: episodes under skill codes of your choice, as videos, with a trace and their success.
+
+lisa-rollout --policy.path=... --env.type=lorel --env.task="close drawer" --skill=14        # one code, whole episode
+lisa-rollout --policy.path=... --env.type=lorel --env.task=compositions --plan="14*20,2*20"  # one code after another
+lisa-rollout --policy.path=... --env.type=lorel --env.task=seen --plan="?*10,14*10"          # override from step 10 on
+lisa-rollout --policy.path=... --env.type=lorel --env.task=seen --skill=all                  # every task, every code
+"""
+
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+
+from lerobot.configs import parser
+from lerobot.utils.import_utils import register_third_party_plugins
+
+from lerobot_lisa.analysis.control import matrix
+from lerobot_lisa.analysis.control.steering import lisa_config, steered
+from lerobot_lisa.analysis.control.videos import VideoWriter
+from lerobot_lisa.analysis.figures import plot
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
+from lerobot_lisa.analysis.recording.record import record
+from lerobot_lisa.analysis.recording.traces import KEY, Trace
+from lerobot_lisa.analysis.statistics.breakdown import by_task, task_names
+from lerobot_lisa.errors import UserError, exit_code
+
+ALL = "all"
+_LISTED = 10  # episodes of each task that are printed
+
+
+@dataclass
+class RolloutConfig(EvaluationConfig):
+    """What to run, and which skill codes to follow.
+
+    Attributes:
+        skill: A skill code for the whole episode, or "all" for a matrix of every task under every code, without videos.
+        plan: Skill codes and steps such as "14*20,2*20"; `?` leaves the choice to the skill predictor, as in
+            "?*10,14*10", and so does the end of the plan. Steps need not be multiples of the horizon.
+        n_videos: Episodes of each task that are filmed, the first ones.
+    """
+
+    n_episodes: int = 10
+    output_dir: Path = field(default_factory=lambda: Path("outputs/rollout"))
+    skill: str | None = None
+    plan: str | None = None
+    n_videos: int = 4
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        super().__post_init__()
+        if self.skill is not None and self.plan is not None:
+            raise UserError("--skill and --plan exclude each other: a plan of one code is --skill")
+        if self.skill not in (None, ALL) and not self.skill.isdecimal():
+            raise UserError(f"--skill={self.skill}: give one skill code, such as 14, or all; for several use --plan")
+        if self.n_videos < 0:
+            raise UserError("--n_videos must be at least 0")
+        if self.skill == ALL:
+            lisa_config(self)
+
+
+def main() -> int:
+    """Command line; returns the exit code."""
+    register_third_party_plugins()
+    return exit_code(parser.wrap()(run), interrupted="interrupted; run the same command again to go on")
+
+
+def run(config: RolloutConfig) -> None:
+    """Run, film and print; what an equal earlier run has done is used.
+
+    Raises:
+        UserError: The checkpoint, the environment, the codes or the folder cannot be used.
+    """
+    if config.skill == ALL:
+        _run_matrix(config)
+        return
+    plan = config.plan if config.skill is None else config.skill
+    chosen = config if plan is None else steered(config, plan)
+    films = VideoWriter(config.output_dir / "videos", config.n_videos)
+    trace = record(chosen, config.output_dir, [films] if config.n_videos else [], n_videos=config.n_videos)
+    print(*summary(trace), sep="\n")
+    print(config.output_dir)
+
+
+def _run_matrix(config: RolloutConfig) -> None:
+    table = matrix.measure(config)
+    sample = f"n = {config.n_episodes} each, seeds {config.seed} to {config.seed + config.n_episodes - 1}"
+    drawn = matrix.matrix_plot(table, sample)
+    plot.write(drawn, config.output_dir)
+    print(*matrix.lines(table), sep="\n")
+    print(drawn.reading)
+    print(config.output_dir / f"{drawn.name}.png")
+
+
+def summary(trace: Trace) -> Iterator[str]:
+    """Lines about the first episodes of each task, what codes they followed, and the success rate of each task."""
+    names = task_names(trace)
+    codes = trace.steps.groupby(KEY, sort=False, observed=True)["code"]
+    followed = {key: as_plan(part.dropna()) for key, part in codes}
+    for row in trace.episodes.itertuples():
+        if row.episode < _LISTED:
+            ended = "success" if row.success else "failure"
+            path = followed[row.group, row.task_id, row.episode] or "no skill codes"
+            yield f"{names[row.group, row.task_id]}  seed {row.seed}  {ended} after {row.steps} steps  {path}"
+    for rate in by_task(trace).itertuples():
+        beside = "" if rate.random_actions != rate.random_actions else f"; random actions {rate.random_actions:.1f} %"
+        yield (
+            f"{rate.part}: {rate.percent:.1f} % success ({rate.successes}/{rate.episodes}; 95 % interval "
+            f"{rate.low:.1f} to {rate.high:.1f}{beside})"
+        )
+
+
+def as_plan(codes: Iterable[int]) -> str:
+    """The codes of an episode's steps as a plan, such as "14*20,2*7"."""
+    return ",".join(f"{code}*{len(list(steps))}" for code, steps in groupby(codes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
