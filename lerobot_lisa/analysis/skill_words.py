@@ -6,7 +6,6 @@ python -m lerobot_lisa.analysis.skill_words --policy-path outputs/lisa/checkpoin
 
 import argparse
 import csv
-import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -14,18 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from lerobot_lisa.analysis.skill_word_figure import draw
+from lerobot_lisa.analysis.figures.skill_words import draw
+from lerobot_lisa.analysis.statistics.words import Counts, count_words, top_words
 from lerobot_lisa.errors import UserError, exit_code
 
 if TYPE_CHECKING:
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy
-
-Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -43,51 +38,6 @@ class SkillUse:
     codes: list[list[int]]
     perplexity: float
     mutual_information: float
-
-
-def count_words(instructions: Sequence[str], codes: Sequence[Sequence[int]], size: int) -> tuple[list[str], Counts]:
-    """Count words by skill: each code that an episode uses gets all words of its instruction.
-
-    So does the paper ("Generating heat maps and word clouds"), because nobody knows which words a skill stands for. A
-    code that an episode uses twice gets the words once.
-
-    Args:
-        instructions: One for each of E episodes.
-        codes: Skill codes of each episode's chunks, each below `size`.
-        size: K, number of skill codes.
-
-    Returns:
-        W words in alphabetical order, and the counts (W, K).
-    """
-    counts: Counter[tuple[str, int]] = Counter()
-    for instruction, used in zip(instructions, codes, strict=True):
-        counts.update((word, code) for word in re.findall(r"\w+", instruction.lower()) for code in set(used))
-    words = sorted({word for word, _ in counts})
-    return words, np.array([[counts[word, code] for code in range(size)] for word in words]).reshape(-1, size)
-
-
-def normalise(counts: Counts, axis: int) -> NDArray[np.float64]:
-    """Shares along an axis of (W, K) counts: 0 gives each skill's words, 1 each word's skills. Empty lines stay 0."""
-    sums = counts.sum(axis=axis, keepdims=True)
-    return counts / np.maximum(sums, 1)
-
-
-def top_words(words: Sequence[str], counts: Counts, most: int = 3) -> list[list[tuple[str, float]]]:
-    """For each of K skills at most `most` words that set it apart, and how many times as frequent as usual they are.
-
-    Ranked by how far their share among the skill's words exceeds their share among all words, so that "go" and "the",
-    which nearly every instruction has, do not crowd out the others.
-    """
-    shares, usual = normalise(counts, 0), counts.sum(1, keepdims=True) / max(1, counts.sum())
-    ranked = np.argsort(usual - shares, axis=0, kind="stable")[:most]
-    return [
-        [
-            (words[word], float(shares[word, skill] / usual[word, 0]))
-            for word in row
-            if shares[word, skill] > usual[word]
-        ]
-        for skill, row in enumerate(ranked.T)
-    ]
 
 
 def load(policy_path: str, dataset: "LeRobotDataset") -> tuple["LisaPolicy", Any]:

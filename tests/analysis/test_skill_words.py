@@ -11,8 +11,9 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from tiny_checkpoints import CODES, HORIZON
 from torch.utils.data import default_collate
 
-from lerobot_lisa.analysis.skill_word_figure import draw
-from lerobot_lisa.analysis.skill_words import count_words, load, main, normalise, top_words, use_skills
+from lerobot_lisa.analysis.figures.skill_words import draw
+from lerobot_lisa.analysis.skill_words import load, main, use_skills
+from lerobot_lisa.analysis.statistics.words import count_words, normalise, top_words
 from lerobot_lisa.errors import UserError
 
 

@@ -36,6 +36,7 @@ class Moment(NamedTuple):
         step: Steps done.
         live: Environments whose episode goes on and counts.
         codes: Skill code (B,) that the next step follows; None for a policy without, and when all is over.
+        instructions: What the policy was told in each environment.
     """
 
     env: Any
@@ -43,6 +44,7 @@ class Moment(NamedTuple):
     step: int
     live: list[int]
     codes: NDArray[np.int64] | None
+    instructions: list[str]
 
 
 class Watcher(Protocol):
@@ -111,7 +113,7 @@ class RecordingEnv:
         """Act once, noting what LeRobot knew and did."""
         live, codes = np.flatnonzero(self._live).tolist(), self._current_codes()
         for watcher in self._watchers:
-            watcher.before_step(Moment(self._env, self._batch, self._step, live, codes))
+            watcher.before_step(Moment(self._env, self._batch, self._step, live, codes, self._instructions))
         known = [(hash_observation(self._observation, i), np.array(actions[i], np.float32).ravel()) for i in live]
         result = self._env.step(actions)
         self._observation, _, terminated, truncated, info = result
@@ -127,7 +129,7 @@ class RecordingEnv:
     def end_rollout(self) -> None:
         """Tell the watchers that all episodes have ended."""
         for watcher in self._watchers:
-            watcher.after_rollout(Moment(self._env, self._batch, self._step, [], None))
+            watcher.after_rollout(Moment(self._env, self._batch, self._step, [], None, self._instructions))
 
     def trace(self) -> pa.Table:
         """The rollout since the last reset, columns of `STEPS`, episode after episode."""

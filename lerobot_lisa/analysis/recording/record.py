@@ -20,7 +20,7 @@ from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationCon
 from lerobot_lisa.analysis.recording.traces import EPISODES, EPISODES_FILE, STEPS, STEPS_FILE, Trace
 from lerobot_lisa.errors import UserError
 
-_NOTE, _LOCK = "evaluation.json", "lock"
+NOTE, _LOCK = "evaluation.json", "lock"
 
 
 def record(
@@ -111,7 +111,7 @@ def _join(parts: Sequence[Path], schema: Any, output: Path, facts: Mapping[str, 
 @contextmanager
 def _claimed(folder: Path, facts: Mapping[str, Any]) -> Iterator[None]:
     """Keep a folder for one evaluation, and for one process at a time."""
-    note, described = folder / _NOTE, json.dumps(facts, indent=2, sort_keys=True) + "\n"
+    note, described = folder / NOTE, json.dumps(facts, indent=2, sort_keys=True) + "\n"
     if folder.exists() and not note.is_file() and any(path.name != _LOCK for path in folder.iterdir()):
         raise UserError(f"{folder} is in the way and was not made by this program: choose another --output_dir")
     try:

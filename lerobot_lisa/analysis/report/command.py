@@ -1,0 +1,114 @@
+"""`lisa-report`: evaluate a checkpoint with LeRobot's own code, and say on one page what its skills mean.
+
+lisa-report --policy.path=outputs/lisa/checkpoints/last/pretrained_model --env.type=babyai --env.task=GoToLocal \
+    --n_episodes=200 --output_dir=reports/gotolocal
+"""
+
+import shutil
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from lerobot.configs import parser
+from lerobot.utils.import_utils import register_third_party_plugins
+
+from lerobot_lisa.analysis.recording import frames
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
+from lerobot_lisa.analysis.recording.frames import FrameCollector
+from lerobot_lisa.analysis.recording.record import NOTE, record
+from lerobot_lisa.analysis.recording.traces import Trace
+from lerobot_lisa.analysis.report import training_data
+from lerobot_lisa.analysis.report.build import FIGURES, PAGE, build
+from lerobot_lisa.analysis.statistics.information import PERMUTATIONS
+from lerobot_lisa.errors import UserError, exit_code
+
+TRACE = "trace"
+
+
+@dataclass
+class DatasetOptions:
+    """The training data.
+
+    Attributes:
+        root: Their folder, if they are no longer where the checkpoint's `train_config.json` says.
+    """
+
+    root: Path | None = None
+
+
+@dataclass
+class ReportConfig(EvaluationConfig):
+    """What to evaluate and how to report it.
+
+    Attributes:
+        dataset: Tells which instructions were seen in training.
+        examples: Strips of frames for each skill, 0 for none.
+        permutations: Of instructions, to see what chance gives.
+        font: TrueType file for word clouds, for scripts that DejaVu Sans has not.
+    """
+
+    dataset: DatasetOptions = field(default_factory=DatasetOptions)
+    examples: int = 2
+    permutations: int = PERMUTATIONS
+    font: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        super().__post_init__()
+        if self.examples < 0 or self.permutations < 20:
+            raise UserError("--examples must be at least 0 and --permutations at least 20")
+        if self.font is not None and not self.font.is_file():
+            raise UserError(f"--font={self.font}: no such file: give a .ttf or .otf file")
+
+
+def main() -> int:
+    """Command line; returns the exit code."""
+    register_third_party_plugins()
+    return exit_code(parser.wrap()(report), interrupted="interrupted; run the same command again to go on")
+
+
+def report(config: ReportConfig) -> None:
+    """Evaluate, unless that has been done, and write the report.
+
+    Raises:
+        UserError: The checkpoint, the environment, the training data or the folder cannot be used.
+    """
+    data = training_data.find(config.checkpoint, config.dataset.root)
+    _check_folder(config.output_dir)
+    trace = _record(config)
+    with TemporaryDirectory(dir=config.output_dir, prefix=".building_") as folder:
+        building = Path(folder)
+        examples = frames.read(config.output_dir / TRACE)
+        numbers = build(building, trace, data, examples, config.permutations, config.font)
+        _move_in_place(building, config.output_dir)
+    for name, number, meaning in numbers:
+        print(f"{name}: {number} ({meaning})")
+    print(config.output_dir / PAGE)
+
+
+def _check_folder(folder: Path) -> None:
+    """Only what an earlier report left may be replaced."""
+    ours = (folder / TRACE / NOTE).is_file()
+    for name in (PAGE, FIGURES):
+        if (folder / name).exists() and not ours:
+            raise UserError(f"{folder / name} was not made by this program: choose another --output_dir")
+
+
+def _record(config: ReportConfig) -> Trace:
+    folder, horizon = config.output_dir / TRACE, getattr(config.policy, "horizon", None)
+    if not config.examples or horizon is None:
+        return record(config, folder)
+    return record(config, folder, [FrameCollector(folder, horizon, config.examples)])
+
+
+def _move_in_place(building: Path, folder: Path) -> None:
+    """Replace an earlier report; the page comes last."""
+    if (folder / FIGURES).exists():
+        shutil.rmtree(folder / FIGURES)
+    (building / FIGURES).rename(folder / FIGURES)
+    (building / PAGE).replace(folder / PAGE)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

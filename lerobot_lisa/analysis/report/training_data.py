@@ -1,0 +1,83 @@
+"""What a checkpoint was trained on: its instructions and the names of its actions, if the dataset is still there."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lerobot_lisa.errors import UserError
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """The training dataset, as far as it could be found.
+
+    Attributes:
+        instructions: All different ones; None: not known.
+        action_names: Of the classes or numbers of an action; None: not known.
+        note: One sentence that says where this is from, or why there is nothing.
+    """
+
+    instructions: set[str] | None
+    action_names: list[str] | None
+    note: str
+
+
+def find(checkpoint: str, root: Path | None = None) -> TrainingData:
+    """Look for the dataset that a checkpoint's `train_config.json` names, or in a folder.
+
+    Args:
+        checkpoint: Folder or Hub id.
+        root: The dataset's folder, if it is not where it was in training.
+
+    Raises:
+        UserError: There is no dataset in `root`.
+    """
+    named = _named(checkpoint)
+    if root is not None:
+        if not _is_dataset(root):
+            raise UserError(f"--dataset.root={root}: no LeRobotDataset (meta/info.json) there")
+        return _read(root, named)
+    if named is None:
+        return TrainingData(None, None, "The checkpoint does not name its training data; --dataset.root does.")
+    found = next((folder for folder in _places(named) if _is_dataset(folder)), None)
+    if found is None:
+        where = named.get("root") or named["repo_id"]
+        return TrainingData(None, None, f"The training data ({where}) are not here; --dataset.root says where.")
+    return _read(found, named)
+
+
+def _named(checkpoint: str) -> dict[str, Any] | None:
+    """The dataset's part of the training configuration, which `lerobot-train` keeps with a checkpoint."""
+    from huggingface_hub import hf_hub_download
+    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
+
+    folder = Path(checkpoint)
+    try:
+        path = folder if folder.is_dir() else Path(hf_hub_download(checkpoint, "train_config.json")).parent
+        return json.loads((path / "train_config.json").read_text(encoding="utf-8"))["dataset"]
+    except (OSError, ValueError, KeyError, HfHubHTTPError, LocalEntryNotFoundError):
+        return None
+
+
+def _places(named: dict[str, Any]) -> list[Path]:
+    from lerobot.utils.constants import HF_LEROBOT_HOME
+
+    return [Path(named["root"])] if named.get("root") else [HF_LEROBOT_HOME / named["repo_id"]]
+
+
+def _is_dataset(root: Path) -> bool:
+    return (root / "meta" / "info.json").is_file()
+
+
+def _read(root: Path, named: dict[str, Any] | None) -> TrainingData:
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+
+    named = named or {}
+    meta = LeRobotDatasetMetadata(named.get("repo_id") or root.name, root=root)
+    chosen = named.get("episodes")  # training may have used some episodes only
+    listed = (task for number in chosen for task in meta.episodes[number]["tasks"]) if chosen else meta.tasks.index
+    instructions = {str(task) for task in listed}
+    names = meta.features.get("action", {}).get("names")
+    note = f"Training data: {root}, {len(instructions):,} different instructions."
+    return TrainingData(instructions, list(names["classes"] if isinstance(names, dict) else names or []) or None, note)

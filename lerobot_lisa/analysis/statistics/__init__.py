@@ -1,0 +1,1 @@
+"""Numbers about traces, without any drawing."""

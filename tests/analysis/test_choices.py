@@ -1,0 +1,64 @@
+"""Statistics of skill codes on a hand-made trace."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lerobot_lisa.analysis.recording.traces import Trace
+from lerobot_lisa.analysis.statistics.choices import Choices, actions_by_code, choices, over_time, transitions
+
+HORIZON, SIZE = 2, 4
+CODES = {0: [2, 2, 0], 1: [2, 1]}  # of the chunks of two episodes; the last chunk of each is one step long
+
+
+@pytest.fixture
+def trace() -> Trace:
+    rows = [
+        ("lorel", 3, episode, 1000 + episode, step, "go", code, [float(code), -float(step)], False)
+        for episode, codes in CODES.items()
+        for step, code in enumerate(np.repeat(codes, HORIZON)[:-1])
+    ]
+    names = ["group", "task_id", "episode", "seed", "step", "instruction", "code", "action", "success"]
+    steps = pd.DataFrame(rows, columns=names)
+    episodes = pd.DataFrame({"group": ["lorel"] * 2, "task_id": [3, 3], "episode": [0, 1]})
+    return Trace(steps, episodes, {"policy": {"horizon": HORIZON, "codebook_size": SIZE}})
+
+
+@pytest.fixture
+def made(trace: Trace) -> Choices:
+    return choices(trace)
+
+
+def test_one_choice_for_each_chunk(made: Choices) -> None:
+    assert list(made.table["code"]) == [2, 2, 0, 2, 1]
+    assert list(made.table["episode"]) == [0, 0, 0, 1, 1]
+    assert made.counts.tolist() == [[1, 0, 2, 0], [0, 1, 1, 0]]
+    assert made.dead == [3]
+
+
+def test_perplexity_is_two_to_the_entropy(made: Choices) -> None:
+    shares = np.array([0.2, 0.2, 0.6])
+    assert made.perplexity == pytest.approx(2 ** -(shares * np.log2(shares)).sum(), rel=1e-5)
+
+
+def test_over_time(made: Choices) -> None:
+    counts, width = over_time(made)
+    assert width == 1
+    assert counts.tolist() == [[0, 0, 1], [0, 1, 0], [2, 1, 0], [0, 0, 0]]
+    coarse, width = over_time(made, most=2)
+    assert width == 2
+    assert coarse.tolist() == [[0, 1], [1, 0], [3, 0], [0, 0]]
+
+
+def test_transitions_stay_within_episodes(made: Choices) -> None:
+    counts = transitions(made)
+    assert counts.sum() == 3
+    assert (counts[2, 2], counts[2, 0], counts[2, 1]) == (1, 1, 1)
+
+
+def test_actions(trace: Trace) -> None:
+    shares = actions_by_code(trace, SIZE, classes=SIZE)
+    assert shares[:3].tolist() == np.eye(SIZE)[:3].tolist()
+    assert np.isnan(shares[3]).all()
+    means = actions_by_code(trace, SIZE, classes=0)
+    assert means[2].tolist() == [2.0, -np.mean([0, 1, 2, 3, 0, 1])]
