@@ -4,9 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-IGNORED_ACTIONS = ("wrist",)
-"""Actions without effect: the simulator zeroes the wrist, though the data hold random values for it."""
-
 IMAGE_SHAPE = (64, 64, 3)
 
 _UNLABELLED = ("nothing", "nan", "wave")

@@ -5,9 +5,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from dataset_converters.lorel.episode import IGNORED_ACTIONS, IMAGE_SHAPE, LorelEpisode
+from dataset_converters.lorel.episode import IMAGE_SHAPE, LorelEpisode
 from dataset_converters.writer import DatasetLayout, Episode
-from lerobot_lisa.envs.lorel.state import ACTION_NAMES, FPS, STATE_NAMES
+from lerobot_lisa.envs.lorel.state import ACTION_NAMES, FPS, IGNORED_ACTIONS, STATE_NAMES
 
 EPISODE_COLUMNS = {"seed": pa.int64(), "source_index": pa.int64(), "engine": pa.string()}
 """Columns of meta/episodes beyond LeRobot's own. Converted files know no seed, collected episodes no source index."""

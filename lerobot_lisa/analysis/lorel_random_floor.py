@@ -2,13 +2,19 @@
 
 python -m lerobot_lisa.analysis.lorel_random_floor --suite seen --episodes 50
 
-Episodes start as in `lerobot-eval`, which counts its seeds up from 1000.
+Episodes start as in `lerobot-eval`, which counts its seeds up from 1000. The floor of every task ships with the suites
+and stands beside their numbers in `lerobot_lisa.analysis.success`; this measures it anew:
+
+python -m lerobot_lisa.analysis.lorel_random_floor --table random_floor.json --episodes 1000
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Iterator
 from itertools import chain
+from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,10 +22,13 @@ from tqdm import tqdm
 
 from lerobot_lisa.analysis.success import success_rate
 from lerobot_lisa.envs.lorel.installation import check_installed
+from lerobot_lisa.envs.lorel.random_floor import floor_key
 from lerobot_lisa.envs.lorel.state import ACTION_HIGH
 from lerobot_lisa.envs.lorel.suites import SUITES
 from lerobot_lisa.envs.lorel.tasks import Task
-from lerobot_lisa.errors import exit_code
+from lerobot_lisa.errors import UserError, exit_code
+
+_ARMS = ("original", "free")
 
 
 def random_outcomes(task: Task, task_id: int, episodes: int, seed: int = 1000, arm: str = "original") -> list[bool]:
@@ -70,11 +79,12 @@ def main() -> int:
     parser.add_argument("--suite", choices=list(SUITES), default="seen")
     parser.add_argument("--episodes", type=int, default=50, help="for each task (default: 50)")
     parser.add_argument("--seed", type=int, default=1000, help="of the first episode of each task (default: 1000)")
-    parser.add_argument("--arm", choices=("original", "free"), default="original")
+    parser.add_argument("--arm", choices=_ARMS, default="original")
+    parser.add_argument("--table", type=Path, help="write the floor of every task of every suite to this file instead")
     options = parser.parse_args()
     if options.episodes < 1 or options.seed < 0:
         parser.error("--episodes must be at least 1, --seed at least 0")
-    return exit_code(lambda: _run(options))
+    return exit_code(lambda: _write_table(options) if options.table else _run(options))
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -83,6 +93,30 @@ def _run(options: argparse.Namespace) -> None:
         for task_id, task in enumerate(tqdm(SUITES[options.suite], unit="task", disable=None))
     ]
     print("\n".join(_lines(options.suite, outcomes)))
+
+
+def _write_table(options: argparse.Namespace) -> None:
+    """Tasks that random actions cannot tell apart are measured once."""
+    tasks: dict[str, Task] = {}
+    for task in chain(*SUITES.values()):
+        tasks.setdefault(floor_key(task), task)
+    successes: dict[str, dict[str, int]] = {}
+    for arm in _ARMS:
+        successes[arm] = {
+            key: sum(random_outcomes(task, number, options.episodes, options.seed, arm))
+            for number, (key, task) in enumerate(tqdm(tasks.items(), unit="task", desc=arm, disable=None))
+        }
+    text = json.dumps(_described(options) | {"successes": successes}, indent=2) + "\n"
+    try:
+        options.table.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"{options.table}: {error.strerror or error}: choose another --table") from error
+
+
+def _described(options: argparse.Namespace) -> dict[str, Any]:
+    from lerobot_lisa.envs.lorel.scene import engine
+
+    return {"episodes": options.episodes, "first_seed": options.seed, "engine": engine()}
 
 
 if __name__ == "__main__":

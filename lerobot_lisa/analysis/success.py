@@ -2,7 +2,8 @@
 
 python -m lerobot_lisa.analysis.success outputs/eval/*/eval_info.json --json success.json
 
-Several files, such as one for each training seed, are pooled.
+Several files, such as one for each training seed, are pooled. Beside LOReL's numbers stands what random actions achieve
+in the same tasks.
 """
 
 import argparse
@@ -10,14 +11,18 @@ import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from scipy.stats import binomtest
 
+from lerobot_lisa.analysis import lorel_tasks
 from lerobot_lisa.errors import UserError, exit_code
 
 OVERALL = "overall"
+Outcomes = dict[tuple[str, int], list[bool]]
+"""Success of every episode, by (group, task id)."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,7 @@ def success_rate(outcomes: Iterable[bool]) -> SuccessRate:
     return SuccessRate(successes, episodes, 100 * successes / episodes, 100 * interval.low, 100 * interval.high)
 
 
-def read_outcomes(path: Path) -> dict[tuple[str, int], list[bool]]:
+def read_outcomes(path: Path) -> Outcomes:
     """Outcomes of every episode in an `eval_info.json`, by (group, task id).
 
     Raises:
@@ -82,9 +87,9 @@ def _outcomes(task: Mapping[str, Any]) -> list[bool]:
     return [bool(outcome) for outcome in successes]
 
 
-def pool(files: Iterable[Mapping[tuple[str, int], list[bool]]]) -> dict[tuple[str, int], list[bool]]:
+def pool(files: Iterable[Mapping[tuple[str, int], list[bool]]]) -> Outcomes:
     """Outcomes of several evaluations together, by (group, task id)."""
-    pooled: dict[tuple[str, int], list[bool]] = {}
+    pooled: Outcomes = {}
     for outcomes in files:
         for task, listed in outcomes.items():
             pooled.setdefault(task, []).extend(listed)
@@ -92,13 +97,29 @@ def pool(files: Iterable[Mapping[tuple[str, int], list[bool]]]) -> dict[tuple[st
 
 
 def summarise(outcomes: Mapping[tuple[str, int], list[bool]]) -> dict[str, SuccessRate]:
-    """Success rates of every task ("babyai/0"), of every group ("babyai") and "overall", in this order."""
-    groups: dict[str, list[bool]] = {}
-    for (group, _), listed in outcomes.items():
-        groups.setdefault(group, []).extend(listed)
-    everything = [outcome for listed in outcomes.values() for outcome in listed]
-    named = {f"{group}/{task}": listed for (group, task), listed in outcomes.items()} | groups | {OVERALL: everything}
-    return {name: success_rate(listed) for name, listed in named.items()}
+    """Success rates of every task ("babyai/0"), of every group ("babyai") and "overall", in this order.
+
+    Suites of several groups, as LOReL's rephrasals, come after the groups.
+    """
+    return {name: success_rate(chain(*part.values())) for name, part in _parts(outcomes).items()}
+
+
+def random_floors(outcomes: Mapping[tuple[str, int], list[bool]]) -> dict[str, float]:
+    """Success rates of random actions in percent, under the names of `summarise`, where they are known: for LOReL."""
+    floors = {name: lorel_tasks.floor(part) for name, part in _parts(outcomes).items()}
+    return {name: floor for name, floor in floors.items() if floor is not None}
+
+
+def _parts(outcomes: Mapping[tuple[str, int], list[bool]]) -> dict[str, Outcomes]:
+    """What is counted together, by name."""
+    tasks = {f"{group}/{task_id}": {(group, task_id): listed} for (group, task_id), listed in outcomes.items()}
+    groups: dict[str, Outcomes] = {}
+    suites: dict[str, Outcomes] = {}
+    for task, listed in outcomes.items():
+        groups.setdefault(task[0], {})[task] = listed
+        if suite := lorel_tasks.suite(task):
+            suites.setdefault(suite, {})[task] = listed
+    return tasks | groups | suites | {OVERALL: dict(outcomes)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -119,14 +140,36 @@ def run(files: Sequence[Path], output: Path | None) -> None:
     outcomes = [read_outcomes(path) for path in files]
     if len(outcomes) > 1:
         for path, listed in zip(files, outcomes, strict=True):
-            print(f"{summarise(listed)[OVERALL]}  {path}")
-    rates = summarise(pool(outcomes))
+            print(f"{summarise(listed)[OVERALL]}{_beside(random_floors(listed).get(OVERALL))}  {path}")
+    pooled = pool(outcomes)
+    rates, floors = summarise(pooled), random_floors(pooled)
+    instructions = {f"{task[0]}/{task[1]}": lorel_tasks.instruction(task) for task in pooled}
     for name, rate in rates.items():
-        print(f"{rate}  {name}")
+        said = f": {instructions[name]}" if instructions.get(name) else ""
+        print(f"{rate}{_beside(floors.get(name))}  {name}{said}")
     if output:
-        numbers = {"files": [str(path) for path in files], "rates": {k: asdict(v) for k, v in rates.items()}}
-        output.parent.mkdir(parents=True, exist_ok=True)
-        output.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
+        _write(output, files, rates, floors, instructions)
+
+
+def _beside(floor: float | None) -> str:
+    return "" if floor is None else f"  random actions {floor:5.1f} %"
+
+
+def _write(
+    path: Path,
+    files: Sequence[Path],
+    rates: Mapping[str, SuccessRate],
+    floors: Mapping[str, float],
+    instructions: Mapping[str, str | None],
+) -> None:
+    numbers: dict[str, dict[str, Any]] = {name: asdict(rate) for name, rate in rates.items()}
+    for name, floor in floors.items():
+        numbers[name]["random_actions"] = floor
+    for name, said in instructions.items():
+        numbers[name] |= {"instruction": said} if said else {}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"files": [str(file) for file in files], "rates": numbers}, indent=2) + "\n"
+    path.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -99,7 +99,10 @@ def test_lorels_numbers_stand_beside_random_actions(tmp_path: Path, capsys: pyte
     assert lines[7].endswith(f"random actions {closing:.1f} % rephrasals")
     assert lines[8].endswith(f"random actions {(3 * closing + opening) / 4:.1f} % overall")
     rates = json.loads((tmp_path / "rates.json").read_text())["rates"]
-    assert (rates["seen/1"]["instruction"], rates["seen/1"]["random_actions"]) == ("open drawer", pytest.approx(opening))
+    assert (rates["seen/1"]["instruction"], rates["seen/1"]["random_actions"]) == (
+        "open drawer",
+        pytest.approx(opening),
+    )
 
 
 def test_the_floor_counts_tasks_as_often_as_they_were_run() -> None:

@@ -1,5 +1,6 @@
 """LeRobot's `--env.type=lorel`: options, features, and the vectorised environments that it evaluates in."""
 
+import logging
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import get_context
@@ -9,13 +10,14 @@ import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import _LazyAsyncVectorEnv, freeze_after_episode_end
+from lerobot.processor import PolicyProcessorPipeline
 from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_STATE
 
-from lerobot_lisa.envs.lorel.gl import choose_gl
+from lerobot_lisa.envs.lorel.facts import TellFacts
+from lerobot_lisa.envs.lorel.groups import find_groups
 from lerobot_lisa.envs.lorel.installation import check_installed
 from lerobot_lisa.envs.lorel.observations import check_obs_type, shows_pixels, shows_state
 from lerobot_lisa.envs.lorel.state import ACTION_NAMES, FPS, STATE_NAMES
-from lerobot_lisa.envs.lorel.suites import find_tasks
 from lerobot_lisa.envs.lorel.tasks import Task
 from lerobot_lisa.errors import UserError
 
@@ -74,7 +76,7 @@ class LorelEnvConfig(EnvConfig):
             use_async_envs: Whether each environment gets a process of its own.
 
         Returns:
-            `{suite: {task_id: vectorised environment}}`; instructions named one by one are the suite "lorel".
+            `{group: {task_id: vectorised environment}}`, groups as `find_groups` names them.
 
         Raises:
             UserError: If MuJoCo or metaworld is missing, a task is unknown, an option cannot work, or pictures are
@@ -85,13 +87,20 @@ class LorelEnvConfig(EnvConfig):
                 f"env.max_parallel_tasks is {self.max_parallel_tasks}: LeRobot would run the tasks on one policy at "
                 "the same time and mix up their histories; leave it at 1"
             )
-        groups = find_tasks(self.task)
+        groups = find_groups(self.task, self.arm)
+        if self.arm == "free":
+            logging.getLogger(__name__).warning("env.arm is free: an easier world, whose numbers compare with nobody's")
         self._try_out(next(iter(groups.values()))[0])
         vectorise = _in_processes if use_async_envs and n_envs > 1 else _InTurn
         return {
             group: {i: vectorise([self._factory(task)] * n_envs) for i, task in enumerate(tasks)}
             for group, tasks in groups.items()
         }
+
+    def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
+        """LeRobot's hook between environment and policy: tells the policy what it is shown."""
+        facts = TellFacts(self.arm, self.image_quality if shows_pixels(self.obs_type) else None)
+        return PolicyProcessorPipeline(steps=[facts]), PolicyProcessorPipeline(steps=[])
 
     def _factory(self, task: Task) -> partial:
         from lerobot_lisa.envs.lorel.env import LorelEnv
@@ -101,7 +110,6 @@ class LorelEnvConfig(EnvConfig):
     def _try_out(self, task: Task) -> None:
         """Build and reset one environment, so that mistakes show here and not in a process."""
         check_installed()
-        choose_gl()
         env = self._factory(task)()
         try:
             env.reset(seed=0)

@@ -18,6 +18,9 @@ STATE_NAMES = (
 ACTION_NAMES = ("x", "y", "z", "wrist", "gripper")
 """Move of the hand's target in units of 0.2 m, the ignored wrist, and the fingers (positive closes)."""
 
+IGNORED_ACTIONS = ("wrist",)
+"""Actions without effect: the simulator zeroes the wrist, though the data hold random values for it."""
+
 ACTION_HIGH = (1.0, 1.0, 1.0, float(np.pi), 1.0)
 """Upper bounds of the actions; the lower ones are their negatives."""
 

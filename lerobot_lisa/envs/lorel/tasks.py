@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lerobot_lisa.envs.lorel.labels import EVENTS, Event
+from lerobot_lisa.envs.lorel.labels import EVENTS
 from lerobot_lisa.envs.lorel.state import BLACK_X, BLACK_Y, DRAWER, EPISODE_STEPS, FAUCET, WHITE_X, WHITE_Y
 
 Bounds = tuple[float, float]
@@ -30,22 +30,26 @@ class Task:
 
     Attributes:
         instruction: What the policy is told.
-        parts: The events, names from `EVENTS`, that must all have happened at the same step.
+        parts: The events, names from `EVENTS`, that it asks for.
         kind: Which sort of instruction it is: seen, unseen verb, unseen noun, unseen verb+noun, human or composition.
         steps: Steps after which an episode is cut.
-        tests: What is tested instead of `parts`, where that differs.
+        released_tests: Events that are tested instead of `parts`; empty: those are tested.
     """
 
     instruction: str
     parts: tuple[str, ...]
     kind: str = "seen"
     steps: int = EPISODE_STEPS
-    tests: tuple[Event, ...] | None = None
+    released_tests: tuple[str, ...] = ()
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """The events that must all have happened at the same step."""
+        return self.released_tests or self.parts
 
     def succeeded(self, before: np.ndarray, after: np.ndarray) -> bool:
         """Whether everything has happened between the first state of an episode and this one, (15,) each."""
-        events = tuple(EVENTS[part] for part in self.parts) if self.tests is None else self.tests
-        return all(event.happened(before, after) for event in events)
+        return all(EVENTS[name].happened(before, after) for name in self.tests)
 
     @property
     def placement(self) -> Mapping[int, Bounds]:

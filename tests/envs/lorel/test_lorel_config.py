@@ -1,25 +1,33 @@
 """LeRobot's own evaluation runs on the tabletop: suites as groups, equal in turn and in processes."""
 
+import json
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import draccus
 import drawing
+import numpy as np
 import pytest
 import torch
 from lerobot.configs import FeatureType
 from lerobot.envs.configs import EnvConfig
+from lerobot.envs.factory import make_env_pre_post_processors
 from lerobot.envs.utils import close_envs, env_to_policy_features
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import eval_policy_all, rollout
 
-from lerobot_lisa.analysis.lorel_random_floor import main
+from dataset_converters.lorel.schema import lorel_layout
+from lerobot_lisa.analysis.lorel_random_floor import main, random_outcomes
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
+from lerobot_lisa.envs.lorel.random_floor import random_floor, table
+from lerobot_lisa.envs.lorel.suites import SUITES
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.feature_info import KEY, check_feature_info, feature_info
 
 
 class StatePolicy(PreTrainedPolicy):
@@ -96,7 +104,7 @@ def test_groups_and_task_ids() -> None:
     assert {group: list(tasks) for group, tasks in envs.items()} == {
         "seen": list(range(6)),
         "compositions": list(range(15)),
-        "lorel": [0],
+        "pull_the_handle": [0],
     }
     assert list(envs["seen"][2].call("task_description")) == ["turn faucet left"] * 2
     assert envs["compositions"][0].call("_max_episode_steps")[0] == 40
@@ -105,8 +113,26 @@ def test_groups_and_task_ids() -> None:
     )
 
 
+@pytest.mark.parametrize("obs_type", ["state", "pixels"])
+def test_the_policy_is_told_what_it_is_shown(obs_type: str) -> None:
+    config = LorelEnvConfig(obs_type=obs_type, image_quality="smooth", arm="free")
+    before, _ = make_env_pre_post_processors(env_cfg=config, policy_cfg=ACTConfig(device="cpu"))
+    batch = before({"observation.state": torch.zeros(2, 15), "task": ["go"] * 2})
+    told = {key: {name: fact.value for name, fact in facts.items()} for key, facts in batch["info"][KEY].items()}
+    quality = {"observation.image": {"quality": "smooth"}} if obs_type == "pixels" else {}
+    assert told == {"observation.state": {"arm": "free"}, "action": {"ignored": ["wrist"]}, **quality}
+    assert batch["task"] == ["go"] * 2
+    layout = lorel_layout("me/d", "smooth", "free")
+    check_feature_info(feature_info(layout.features), batch["info"][KEY])
+
+
+def test_a_free_arm_says_that_it_compares_with_nobody(caplog: pytest.LogCaptureFixture) -> None:
+    assert list(LorelEnvConfig(arm="free").create_envs(1)) == ["seen_free_arm"]
+    assert "compare with nobody's" in caplog.text
+
+
 def test_rollout_on_states() -> None:
-    env = LorelEnvConfig(task="open drawer").create_envs(3)["lorel"][0]
+    env = LorelEnvConfig(task="open drawer").create_envs(3)["open_drawer"][0]
     policy = StatePolicy()
     result = rollout(env, policy, seeds=[5, 6, 7], **processors())
     state = policy.batches[0]["observation.state"]
@@ -118,7 +144,7 @@ def test_rollout_on_states() -> None:
 
 def test_rollout_on_pixels() -> None:
     drawing.needs_gl()
-    env = LorelEnvConfig(task="open drawer", obs_type="pixels").create_envs(2)["lorel"][0]
+    env = LorelEnvConfig(task="open drawer", obs_type="pixels").create_envs(2)["open_drawer"][0]
     policy = StatePolicy()
     rollout(env, policy, seeds=[5, 6], **processors())
     image = policy.batches[0]["observation.image"]
@@ -188,3 +214,20 @@ def test_random_floor(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
     assert first.splitlines()[-1].endswith("all seen")
     main()
     assert capsys.readouterr().out == first
+
+
+@pytest.mark.slow
+def test_the_table_that_ships_is_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two episodes for each task here; of 30 for each of the six, within 4 standard errors, below."""
+    written = tmp_path / "floor.json"
+    monkeypatch.setattr(sys, "argv", ["random_floor", "--table", str(written), "--episodes", "2"])
+    assert main() == 0
+    measured = json.loads(written.read_text())
+    assert measured.keys() == table().keys()
+    assert {arm: list(keys) for arm, keys in measured["successes"].items()} == {
+        arm: list(keys) for arm, keys in table()["successes"].items()
+    }
+    for number, task in enumerate(SUITES["seen"]):
+        rate, n = random_floor(task) / 100, 30
+        found = np.mean(random_outcomes(task, number, n, seed=500_000))
+        assert abs(found - rate) < 4 * np.sqrt(rate * (1 - rate) / n)

@@ -1,14 +1,17 @@
 """The suites hold what the paper evaluates, and each task starts and succeeds as specified."""
 
 import collections
+import re
 
 import numpy as np
 import pytest
 
 from lerobot_lisa.envs.lorel.env import LorelEnv
+from lerobot_lisa.envs.lorel.groups import GROUPS, find_groups, suite_of, tasks_of
 from lerobot_lisa.envs.lorel.labels import EVENTS
+from lerobot_lisa.envs.lorel.random_floor import floor_key, random_floor, table
 from lerobot_lisa.envs.lorel.state import BLACK_X, BLACK_Y, DRAWER, FAUCET, WHITE_X, WHITE_Y
-from lerobot_lisa.envs.lorel.suites import SUITES, find_task, find_tasks
+from lerobot_lisa.envs.lorel.suites import SUITES, find_task
 from lerobot_lisa.envs.lorel.tasks import Task
 from lerobot_lisa.errors import UserError
 
@@ -90,10 +93,54 @@ def test_episodes_start_where_specified(task: Task) -> None:
             assert low - slack < state[index] < high + slack
 
 
-def test_find_tasks() -> None:
-    groups = find_tasks("seen, close drawer,shift white mug right")
-    assert {group: len(tasks) for group, tasks in groups.items()} == {"seen": 6, "lorel": 2}
-    assert [task.kind for task in groups["lorel"]] == ["seen", "composition"]
+def test_groups_hold_their_suites_in_order() -> None:
+    assert GROUPS.keys() == SUITES.keys()
+    assert {group: len(tasks) for group, tasks in GROUPS["rephrasals"].items()} == {
+        "rephrasals_seen": 6,
+        "rephrasals_unseen_verb": 6,
+        "rephrasals_unseen_noun": 6,
+        "rephrasals_unseen_verb_noun": 6,
+        "rephrasals_human": 53,
+    }
+    for suite, groups in GROUPS.items():
+        held = collections.Counter(task for tasks in groups.values() for task in tasks)
+        assert held == collections.Counter(SUITES[suite])
+
+
+def test_find_groups() -> None:
+    groups = find_groups("seen, close drawer,shift white mug right")
+    assert {group: len(tasks) for group, tasks in groups.items()} == {
+        "seen": 6,
+        "close_drawer": 1,
+        "shift_white_mug_right": 1,
+    }
+    assert groups["shift_white_mug_right"][0].kind == "composition"
+    assert list(find_groups("seen,pull the handle", "free")) == ["seen_free_arm", "pull_the_handle_free_arm"]
+
+
+def test_every_group_name_leads_back_to_its_tasks() -> None:
+    instructions = {task.instruction for suite in SUITES.values() for task in suite}
+    for arm in ("original", "free"):
+        found = find_groups(",".join([*SUITES, *instructions]), arm)
+        assert len(found) == 8 + len(instructions)
+        for group, tasks in found.items():
+            assert tasks_of(group) == tasks
+            assert re.fullmatch(r"\w+", group)
+    assert tasks_of("babyai") == ()
+    assert [suite_of(group) for group in ("rephrasals_human", "rephrasals_seen_free_arm", "seen")] == [
+        "rephrasals",
+        "rephrasals_free_arm",
+        None,
+    ]
+
+
+def test_a_floor_for_every_task() -> None:
+    for arm in ("original", "free"):
+        for suite in SUITES.values():
+            assert all(0 < random_floor(task, arm) < 100 for task in suite)
+    keys = {floor_key(task) for suite in SUITES.values() for task in suite}
+    assert set(table()["successes"]["original"]) == set(table()["successes"]["free"]) == keys
+    assert table()["episodes"] >= 1000
 
 
 @pytest.mark.parametrize(
@@ -102,4 +149,4 @@ def test_find_tasks() -> None:
 )
 def test_refusals(names: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
-        find_tasks(names)
+        find_groups(names)
