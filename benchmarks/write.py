@@ -27,7 +27,7 @@ def rows(options: argparse.Namespace) -> list[Row]:
         _row(
             "images of 64 x 64",
             {"observation.image": IMAGE, "action": FEATURES["action"]},
-            list(_images(20)),
+            list(_images(100)),
             3,
             options.repeats,
         ),
