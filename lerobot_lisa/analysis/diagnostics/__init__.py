@@ -1,0 +1,1 @@
+"""Whether a policy does what it is told: swapped instructions, affordances, other wordings."""
