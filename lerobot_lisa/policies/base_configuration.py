@@ -31,7 +31,9 @@ class EpisodePolicyConfig(PreTrainedConfig):
         image_backbone: A torchvision resnet for image features instead of four convolutions.
         image_backbone_weights: Its weights at the start by torchvision's name, such as "DEFAULT"; None: from scratch.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
-            Filled in if empty and the dataset's `action` feature names them in its `info`, as {"ignored": ["wrist"]}.
+            None: those that the dataset's `action` feature names in its `info`, as {"ignored": ["wrist"]}.
+        feature_info: Facts about the dataset's features that an environment must share, such as how images were drawn;
+            filled in from the `info` of its features. An environment that tells other facts is refused. {}: none.
         action_head: For real-valued actions: "mean" (the paper's), "bins" or "mixture" (of Gaussians).
         action_amplification: Factor on the mean of "mean" in rollouts.
         action_bins: For each dimension of "bins".
@@ -60,7 +62,8 @@ class EpisodePolicyConfig(PreTrainedConfig):
     freeze_language_encoder: bool = False
     image_backbone: str | None = None
     image_backbone_weights: str | None = None
-    ignored_action_dimensions: list[int] = field(default_factory=list)
+    ignored_action_dimensions: list[int] | None = None
+    feature_info: dict[str, dict[str, Any]] | None = None
 
     action_head: str = "mean"
     action_amplification: float = 1.0

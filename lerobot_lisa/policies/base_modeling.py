@@ -10,12 +10,13 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.lerobot_types import TransitionKey
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import NormalizerProcessorStep
-from lerobot.utils.constants import ACTION, OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS
+from lerobot.utils.constants import ACTION, OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS, OBS_PREFIX
 from torch import Tensor
 
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.feature_info import KEY, check_feature_info
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
@@ -191,11 +192,24 @@ class EpisodePolicy(PreTrainedPolicy):
         self.eval()
         tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
         if self._history is None or self._instruction is None or not torch.equal(tokens, self._instruction):
+            self._check_world(batch)
             self._begin(tokens, valid)
         observations = {key: batch[key] for key in self.config.input_features}
         outputs = self.network.act(self._history, observations)
         self._history.actions = self.network.head.pick(outputs, self._generator)
         return outputs
+
+    def _check_world(self, batch: dict[str, Any]) -> None:
+        """Raise `UserError` if an environment does not show what the policy was trained on."""
+        missing = [key for key in self.config.input_features if key not in batch]
+        if missing:
+            shown = ", ".join(sorted(key for key in batch if key.startswith(OBS_PREFIX) and "language" not in key))
+            raise UserError(
+                f"the policy was trained on {', '.join(missing)}, but the environment shows {shown or 'nothing'}: "
+                "choose what it shows (LOReL: --env.obs_type=state, pixels or pixels_state)"
+            )
+        told = (batch.get(TransitionKey.INFO.value) or {}).get(KEY, {})
+        check_feature_info(self.config.feature_info or {}, told)
 
     def _begin(self, tokens: Tensor, valid: Tensor) -> None:
         """Start a rollout; what it draws depends on how many came before it, not on what else used random numbers."""

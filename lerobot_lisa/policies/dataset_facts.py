@@ -6,6 +6,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE
 
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.feature_info import feature_info
 
 if TYPE_CHECKING:
     from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
@@ -27,8 +28,10 @@ def note_facts(
     if config.action_classes is None:
         config.action_classes = _count_classes(features.get(ACTION, {}), stats)
     _check_classes(config.action_classes, stats)
-    if not config.ignored_action_dimensions:
+    if config.ignored_action_dimensions is None:
         config.ignored_action_dimensions = _ignored_dimensions(features.get(ACTION, {}))
+    if config.feature_info != {}:  # fine-tuning: the facts of the data it is trained on now
+        config.feature_info = feature_info(features)
     if config.max_timesteps is None:
         config.max_timesteps = longest
 

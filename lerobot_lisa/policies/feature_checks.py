@@ -49,10 +49,11 @@ def _check_action(config: "EpisodePolicyConfig", action: PolicyFeature) -> None:
             )
         if config.normalization_mapping.get("ACTION", NormalizationMode.IDENTITY) is not NormalizationMode.IDENTITY:
             raise UserError("a categorical action cannot be normalised: set normalization_mapping ACTION to IDENTITY")
-    outside = [d for d in config.ignored_action_dimensions if not 0 <= d < action.shape[0]]
-    if outside or len(set(config.ignored_action_dimensions)) >= action.shape[0]:
+    ignored = config.ignored_action_dimensions or []
+    outside = [d for d in ignored if not 0 <= d < action.shape[0]]
+    if outside or len(set(ignored)) >= action.shape[0]:
         raise UserError(
-            f"--policy.ignored_action_dimensions={config.ignored_action_dimensions} must leave at least one of the "
+            f"--policy.ignored_action_dimensions={ignored} must leave at least one of the "
             f"{action.shape[0]} dimensions 0..{action.shape[0] - 1}"
         )
     if config.normalization_mapping.get("ENV", NormalizationMode.IDENTITY) is not NormalizationMode.IDENTITY:

@@ -40,7 +40,7 @@ def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
         return CategoricalHead(config.width, config.action_classes, config.action_temperature)
     size = config.action_feature.shape[0]  # validate_features has seen to it
     weights = torch.ones(size)
-    weights[config.ignored_action_dimensions] = 0
+    weights[config.ignored_action_dimensions or []] = 0
     if config.action_head == "bins":
         return BinsHead(config.width, weights, bounds, config.action_bins, config.action_temperature)
     if config.action_head == "mixture":

@@ -37,6 +37,7 @@ def test_without_a_word_about_it_none_is_ignored(info: dict[str, Any] | None) ->
 
 def test_what_the_user_has_set_stays() -> None:
     assert described(MOVE, ignored_action_dimensions=[0]) == [0]
+    assert described(MOVE, ignored_action_dimensions=[]) == []
 
 
 def test_an_ignored_action_without_a_name_is_refused() -> None:
