@@ -50,9 +50,11 @@ def test_contents(names: set[str]) -> None:
     assert {"lerobot_lisa/policies/model_card.md", f"{info}/licenses/LICENSE", f"{info}/licenses/NOTICE"} <= names
 
 
-def test_every_module_and_every_recipe_is_in_it(names: set[str]) -> None:
-    modules = [*ROOT.glob("lerobot_lisa/**/*.py"), *ROOT.glob("dataset_converters/**/*.py")]
-    assert {path.relative_to(ROOT).as_posix() for path in modules} <= names
+def test_every_module_every_recipe_and_what_they_read_is_in_it(names: set[str]) -> None:
+    packaged = [*ROOT.glob("lerobot_lisa/**/*"), *ROOT.glob("dataset_converters/**/*")]
+    files = [path for path in packaged if path.is_file() and "__pycache__" not in path.parts]
+    assert {path.suffix for path in files} >= {".py", ".xml", ".json", ".md"}
+    assert {path.relative_to(ROOT).as_posix() for path in files} <= names
     recipes = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("configs/**/*.yaml")}
     assert {f"lerobot_lisa/{recipe}" for recipe in recipes} <= names
     assert "configs/quickstart/lisa.yaml" in recipes
