@@ -17,6 +17,7 @@ import importlib
 import logging
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.table import Row, as_markdown, comparison, details, load, save
@@ -38,12 +39,17 @@ PARTS = {
 """Parts of the table, in its order; `benchmarks.<part>` has a function `rows(options)`."""
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print, keep and compare; returns the exit code: 0, 1 for bad input, 2 for bad usage, 130 for Ctrl-C."""
     parser = _parser()
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
         parser.error(f"no part is called {unknown[0]}: choose of {', '.join(PARTS)}")
+    return exit_code(lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
     rows = load(options.rows) if options.rows else measured(options)
     print(as_markdown(rows))
     print(f"\n{details(rows)}")
@@ -91,4 +97,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    sys.exit(exit_code(main))
+    sys.exit(main())

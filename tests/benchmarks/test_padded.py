@@ -1,6 +1,5 @@
 """The plain padded implementation that the training step is measured against computes the same loss and gradients."""
 
-
 import pytest
 import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
