@@ -3,7 +3,7 @@
     python -m benchmarks                                  the whole table
     python -m benchmarks windows bot --repeats 5          some of its parts
     python -m benchmarks --json new.json --compare old.json
-    python -m benchmarks --rows new.json --compare old.json   two files, without measuring
+    python -m benchmarks --rows new.json --compare old.json   files of earlier runs, without measuring
 
 Both sides of a row do the same work in the same process, in turns; figures are medians over the repeats. Data are read
 from the dataset in --root, which this makes:
@@ -50,10 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    rows = load(options.rows) if options.rows else measured(options)
+    rows = [row for path in options.rows for row in load(path)] if options.rows else measured(options)
     print(as_markdown(rows))
     print(f"\n{details(rows)}")
-    if options.json:
+    if options.json and not options.rows:  # a joined file would claim one commit and one load for all
         save(rows, options.json)
     if options.compare:
         print(f"\n{comparison(rows, options.compare)}")
@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--check", type=int, default=0, metavar="N", help="part bot: compare N episodes of each level")
     parser.add_argument("--json", type=Path, help="keep the figures here")
     parser.add_argument("--compare", type=Path, help="print how figures changed since this file of --json")
-    parser.add_argument("--rows", type=Path, help="take the figures from this file of --json instead of measuring")
+    parser.add_argument("--rows", type=Path, nargs="+", help="take figures from these files of --json, measure nothing")
     return parser
 
 
