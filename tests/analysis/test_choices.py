@@ -34,6 +34,8 @@ def test_one_choice_for_each_chunk(made: Choices) -> None:
     assert list(made.table["episode"]) == [0, 0, 0, 1, 1]
     assert made.counts.tolist() == [[1, 0, 2, 0], [0, 1, 1, 0]]
     assert made.dead == [3]
+    assert made.used.tolist() == [[1, 0, 1, 0], [0, 1, 1, 0]]
+    assert made.first.tolist() == [[0, 0, 1, 0], [0, 0, 1, 0]]
 
 
 def test_perplexity_is_two_to_the_entropy(made: Choices) -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from lerobot_lisa.analysis.figures.heat_map import draw_heat_map, heat_map, long_table
+from lerobot_lisa.analysis.figures.heat_map import draw_heat_map, heat_map, height, long_table
 from lerobot_lisa.analysis.figures.plot import Plot
 from lerobot_lisa.analysis.figures.style import GREY, INK, PAGE_WIDTH, headline, new_figure
 from lerobot_lisa.analysis.statistics.choices import Choices, over_time, transitions
@@ -47,8 +47,8 @@ def over_time_plot(made: Choices, sample: str) -> Plot:
     counts, width = over_time(made)
     shares = counts / np.maximum(counts.sum(0), 1)
     stretches = [str(number * width * made.horizon) for number in range(counts.shape[1])]
-    figure = new_figure(PAGE_WIDTH, 2.1 + min(0.21, 8 / made.size) * made.size)
-    above, below = figure.subplots(2, 1, height_ratios=[1, max(2.0, 0.18 * made.size)])
+    figure = new_figure(PAGE_WIDTH, 2.1 + height(made.size))
+    above, below = figure.subplots(2, 1, height_ratios=[1, max(2.0, height(made.size))])
     above.bar(range(counts.shape[1]), counts.sum(0), color=GREY, width=0.9)
     above.set(xlim=(-0.5, counts.shape[1] - 0.5), ylabel="choices")
     headline(above, "Code usage over time", sample)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.figures.style import MAP, PAGE_WIDTH, headline, new_figure
 
-CELL = 0.21  # inches, high; wide if there is room
-LABELLED = 40  # more columns than this get a label every few
+CELL = 0.21  # inches high, unless there are many
+LABELLED = 60  # of more rows, or two thirds as many columns, only every few get a label
 
 
 def draw_heat_map(
@@ -35,9 +35,10 @@ def draw_heat_map(
         highest: Value that is black; None: the greatest.
     """
     image = axes.imshow(values, cmap=MAP, aspect="auto", vmin=0, vmax=highest, interpolation="nearest")
-    every = -(-len(columns) // LABELLED)
+    every = -(-len(columns) * 3 // (LABELLED * 2))
     axes.set_xticks(range(0, len(columns), every), list(columns)[::every], fontsize=7)
-    axes.set_yticks(range(len(rows)), list(rows), fontsize=8)
+    every = -(-len(rows) // LABELLED)
+    axes.set_yticks(range(0, len(rows), every), list(rows)[::every], fontsize=8)
     axes.set_xticks(np.arange(0.5, len(columns) - 1), minor=True)
     axes.set_yticks(np.arange(0.5, len(rows) - 1), minor=True)
     axes.grid(which="minor", color="0.85", linewidth=0.5)
@@ -46,6 +47,11 @@ def draw_heat_map(
     scale = axes.figure.colorbar(image, ax=axes, label=unit, fraction=0.03, pad=0.015, aspect=30)
     scale.locator = MaxNLocator(5, integer=bool(np.all(values[~np.isnan(values)] % 1 == 0)))
     scale.outline.set_visible(False)
+
+
+def height(rows: int) -> float:
+    """Inches that so many rows need."""
+    return CELL * min(rows, LABELLED)
 
 
 def heat_map(
@@ -61,7 +67,7 @@ def heat_map(
     """A figure of one heat map, as wide as the page at most; see `draw_heat_map`, `labels` are of rows and columns."""
     names = 0.3 + 0.075 * max(map(len, rows))
     width = min(PAGE_WIDTH, max(5.0, 0.3 * len(columns) + names + 1.0))
-    figure = new_figure(width, max(2.0, CELL * len(rows) + 1.1))
+    figure = new_figure(width, max(2.0, height(len(rows)) + 1.1))
     axes = figure.add_subplot()
     draw_heat_map(axes, values, rows, columns, unit, highest)
     axes.set(ylabel=labels[0], xlabel=labels[1])

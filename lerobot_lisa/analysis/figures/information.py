@@ -1,9 +1,11 @@
 """How much language tells about skill codes, beside what chance gives."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.figures.plot import Plot
 from lerobot_lisa.analysis.figures.style import INK, PAGE_WIDTH, headline, new_figure
@@ -12,22 +14,24 @@ from lerobot_lisa.analysis.statistics.information import Information
 MOST_WORDS = 60
 
 
-def information_plot(asked: dict[str, Information], sample: str) -> Plot:
+def information_plot(asked: Mapping[str, Information], sample: str) -> Plot:
     """One panel for each question: what chance gives as a histogram, what was counted as a line.
 
     Args:
         asked: Mutual information by what is asked, such as "words".
         sample: What was counted, for the title.
     """
-    figure = new_figure(PAGE_WIDTH, 2.9)
+    figure = new_figure(PAGE_WIDTH, 3.0)
     figure.suptitle(f"Language-code mutual information, {sample}", fontsize=10, fontweight="bold", x=0.01, ha="left")
     for axes, (name, found) in zip(figure.subplots(1, len(asked), squeeze=False)[0], asked.items(), strict=True):
         low, high = found.interval
-        axes.hist(found.chance, bins=30, color="0.7", edgecolor="0.5", linewidth=0.4, label="instructions dealt anew")
+        style = {"color": "0.7", "edgecolor": "0.5", "linewidth": 0.4, "label": "instructions dealt anew"}
+        axes.hist(found.chance, bins=30, range=_range(found), **style)
         axes.axvspan(float(low), float(high), color="0.9", zorder=0, label="95 % of chance")
         axes.axvline(float(found.bits), color=INK, linewidth=2, label=f"counted: {found.bits:.3f}")
-        axes.set(title=f"{name} and code", xlabel="bits", ylabel="permutations", xlim=(0, None))
-        axes.legend(fontsize="small")
+        axes.set(title=name, xlabel="bits", ylabel="permutations", xlim=(0, None))
+        axes.legend(fontsize=6.5, loc="upper left")
+        axes.set_ylim(top=1.45 * axes.get_ylim()[1])  # room for the legend
     rows = [
         (name, found.bits, *found.interval, found.chance.mean(), found.p_value, found.limit, len(found.chance))
         for name, found in asked.items()
@@ -35,43 +39,53 @@ def information_plot(asked: dict[str, Information], sample: str) -> Plot:
     names = ["language", "bits", "chance_low", "chance_high", "chance_mean", "p_value", "limit_bits", "permutations"]
     reading = (
         "The line is the mutual information counted, the grey hill what the same count gives when every episode gets "
-        "another's instruction. Good: the line is right of the hill by much; how far is what language really says. If "
-        "every episode has an instruction of its own, dealing changes nothing between instruction and code, and only "
-        "words can tell."
+        "another's instruction. Good: the line is right of the hill by much; how far is what language really says. "
+        "Whole instructions tell nothing here if most occur once: then dealing them changes little."
     )
     return Plot("language_information", "What language tells about the code", figure, _frame(rows, names), reading)
 
 
-def word_information_plot(words: Sequence[str], found: Information, sample: str) -> Plot:
-    """For each word, what it tells about the code, with the 95 % of chance as a grey bar."""
-    low, high = found.interval
-    order = np.argsort(-found.bits, kind="stable")
+def _range(found: Information) -> tuple[float, float]:
+    """Of the histogram; chance may give the same each time."""
+    low, high = float(found.chance.min()), float(found.chance.max())
+    margin = max(0.0, 0.02 * float(found.limit) + 1e-3 - (high - low)) / 2
+    return low - margin, high + margin
+
+
+def word_information_plot(words: Sequence[str], asked: Mapping[str, Information], sample: str) -> Plot:
+    """What each word tells about the code, with the 95 % of chance as a grey bar; a panel for each question."""
+    first = next(iter(asked.values()))
+    order = np.argsort(-first.bits, kind="stable")
     shown = order[:MOST_WORDS]
-    lines = np.arange(len(shown))
-    figure = new_figure(min(PAGE_WIDTH, 7.5), 1.1 + 0.19 * len(shown))
-    axes = figure.add_subplot()
-    axes.barh(lines, (high - low)[shown], left=low[shown], color="0.85", height=0.8, label="95 % of chance")
-    axes.plot(found.bits[shown], lines, "o", color=INK, markersize=4, label="counted")
-    axes.set_yticks(lines, [words[number] for number in shown], fontsize=8)
-    axes.set(
-        ylim=(len(shown) - 0.5, -0.5),
-        xlim=(0, None),
-        xlabel="mutual information between “the instruction has the word” and the code (bits)",
-    )
-    headline(axes, "What each word tells about the code", sample)
-    axes.grid(axis="x")
-    axes.set_axisbelow(True)
-    axes.legend(fontsize="small", loc="lower right")
-    rows = list(zip(words, found.bits, low, high, found.p_value, found.limit, strict=True))
-    table = _frame(
-        [rows[number] for number in order], ["word", "bits", "chance_low", "chance_high", "p_value", "limit"]
-    )
+    figure = new_figure(PAGE_WIDTH, 1.3 + 0.19 * len(shown))
+    for axes, (name, found) in zip(figure.subplots(1, len(asked), squeeze=False)[0], asked.items(), strict=True):
+        _draw_words(axes, [words[number] for number in shown], found, shown)
+        headline(axes, f"What each word tells: {name}", sample)
+    rows = [
+        (name, words[number], found.bits[number], low[number], high[number], found.p_value[number], found.limit[number])
+        for name, found in asked.items()
+        for low, high in [found.interval]
+        for number in order
+    ]
+    names = ["codes", "word", "bits", "chance_low", "chance_high", "p_value", "limit_bits"]
     cut = f" The first {len(shown)} of {len(words)} words; the CSV has all." if len(shown) < len(words) else ""
     reading = (
         "Points right of their grey bar are words that change which skill is chosen. Good: the words that matter for "
         "the task, such as colours, things and verbs, stand out. One word in forty does so by chance alone."
     )
-    return Plot("word_information", "What each word tells about the code", figure, table, reading + cut)
+    return Plot("word_information", "What each word tells about the code", figure, _frame(rows, names), reading + cut)
+
+
+def _draw_words(axes: Axes, names: Sequence[str], found: Information, shown: NDArray[np.int64]) -> None:
+    low, high = found.interval
+    lines = np.arange(len(shown))
+    axes.barh(lines, (high - low)[shown], left=low[shown], color="0.85", height=0.8, label="95 % of chance")
+    axes.plot(found.bits[shown], lines, "o", color=INK, markersize=4, label="counted")
+    axes.set_yticks(lines, names, fontsize=8)
+    axes.set(ylim=(len(shown) - 0.5, -0.5), xlim=(0, None), xlabel="bits about the code, from having the word or not")
+    axes.grid(axis="x")
+    axes.set_axisbelow(True)
+    axes.legend(fontsize="small", loc="lower right")
 
 
 def _frame(rows: Sequence[Sequence[object]], names: Sequence[str]) -> pd.DataFrame:

@@ -38,6 +38,16 @@ class Choices:
         return counts
 
     @property
+    def used(self) -> Counts:
+        """Whether each episode chose each code, (E, K)."""
+        return (self.counts > 0).astype(np.int64)
+
+    @property
+    def first(self) -> Counts:
+        """Whether each code was the first of each episode, (E, K)."""
+        return np.eye(self.size, dtype=np.int64)[self.table["code"].to_numpy()[self.table["chunk"].to_numpy() == 0]]
+
+    @property
     def perplexity(self) -> float:
         """How many codes are in effective use, over all choices."""
         return codebook.perplexity(torch.tensor(self.table["code"].to_numpy()), self.size).item()

@@ -1,0 +1,1 @@
+"""What `lerobot-train` has logged, read back from wherever it went."""
