@@ -41,5 +41,5 @@ def check_feature_info(trained: FeatureInfo, shown: Mapping[str, Mapping[str, Fa
                 fix = f"pass {fact.option}={known}" if fact.option else "train on data of this environment"
                 raise UserError(
                     f"the policy was trained with {key} of {name} {known!r}, but the environment's is {fact.value!r}: "
-                    f"{fix}, or --policy.feature_info={{}} to evaluate it all the same"
+                    f"{fix}, or --policy.feature_info=null to evaluate it all the same"
                 )

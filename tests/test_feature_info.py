@@ -34,7 +34,7 @@ def test_differences() -> None:
         check_feature_info({"observation.image": {"quality": "full"}}, SHOWN)
     assert str(image.value) == (
         "the policy was trained with observation.image of quality 'full', but the environment's is 'minimal': "
-        "pass --env.image_quality=full, or --policy.feature_info={} to evaluate it all the same"
+        "pass --env.image_quality=full, or --policy.feature_info=null to evaluate it all the same"
     )
     with pytest.raises(UserError, match=r"action of ignored \[\], .* is \['w'\]: train on data of this environment"):
         check_feature_info({"action": {"ignored": []}}, SHOWN)

@@ -30,8 +30,7 @@ def note_facts(
     _check_classes(config.action_classes, stats)
     if config.ignored_action_dimensions is None:
         config.ignored_action_dimensions = _ignored_dimensions(features.get(ACTION, {}))
-    if config.feature_info != {}:  # fine-tuning: the facts of the data it is trained on now
-        config.feature_info = feature_info(features)
+    config.feature_info = feature_info(features)  # of the data it is trained on now, whatever came before
     if config.max_timesteps is None:
         config.max_timesteps = longest
 
