@@ -33,7 +33,7 @@ class EpisodePolicyConfig(PreTrainedConfig):
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
             None: those that the dataset's `action` feature names in its `info`, as {"ignored": ["wrist"]}.
         feature_info: Facts about the dataset's features that an environment must share, such as how images were drawn;
-            filled in from the `info` of its features. An environment that tells other facts is refused, unless it is None.
+            filled in from the `info` of its features. An environment that tells other facts is refused, unless None.
         action_head: For real-valued actions: "mean" (the paper's), "bins" or "mixture" (of Gaussians).
         action_amplification: Factor on the mean of "mean" in rollouts.
         action_bins: For each dimension of "bins".
