@@ -139,6 +139,9 @@ def test_every_seen_task_has_its_words() -> None:
         assert len(set(everything)) == len(everything)
 
 
+FACTS = {"policy": {"vocabulary": ["close", "drawer", "open"]}}
+
+
 def test_affordance_on_known_answers() -> None:
     instructions = {SAME: ["close drawer", "push drawer"], OTHER_VERB: ["open drawer"]}
     codes = [[[7, 7], [7, 1], [2, 2]], [[7, 7], [7, 7], [7, 7]], [[1, 1], [1, 7], [1, 1]]]
@@ -151,7 +154,7 @@ def test_affordance_on_known_answers() -> None:
     episodes = [
         {"task_id": task, "episode": episode, "success": task == 1} for task in range(3) for episode in range(3)
     ]
-    trace = Trace(pd.DataFrame(rows), pd.DataFrame(episodes), {"instructions": instructions})
+    trace = Trace(pd.DataFrame(rows), pd.DataFrame(episodes), FACTS | {"instructions": instructions})
 
     found = affordance.table(trace, affordance.own_code(trace))
 
@@ -159,6 +162,7 @@ def test_affordance_on_known_answers() -> None:
     assert list(found["first"]) == [2, 3, 0]
     assert list(found["ever"]) == [2, 3, 1]
     assert list(found["success"]) == [0, 3, 0]
+    assert list(found["unknown"]) == ["", "push", ""]
     lines = list(affordance.lines(trace))
     assert lines[-2].split()[0] == "5/6"
     assert lines[-1].split()[0] == "0/3"

@@ -53,7 +53,11 @@ def own_code(trace: Trace) -> int:
 
 
 def table(trace: Trace, code: int) -> pd.DataFrame:
-    """A row for each instruction: in how many episodes the code was chosen first, or at all, and the task was done."""
+    """A row for each instruction: in how many episodes the code was chosen first, or at all, and the task was done.
+
+    `unknown` lists words that a word-level policy has not learned: to it they are all the same one.
+    """
+    vocabulary = trace.facts["policy"].get("vocabulary")
     kinds = {text: kind for kind, listed in trace.facts["instructions"].items() for text in listed}
     rows = []
     for task_id, steps in trace.steps.groupby("task_id", sort=True):
@@ -61,7 +65,8 @@ def table(trace: Trace, code: int) -> pd.DataFrame:
         done = trace.episodes.loc[trace.episodes["task_id"] == task_id, "success"]
         text = str(steps["instruction"].iloc[0])
         counts = {"first": int(chosen.first().sum()), "ever": int(chosen.any().sum()), "success": int(done.sum())}
-        rows.append({"shares": kinds[text], "instruction": text, "episodes": len(done), **counts})
+        unknown = " ".join(word for word in text.split() if vocabulary and word not in vocabulary)
+        rows.append({"shares": kinds[text], "instruction": text, "unknown": unknown, "episodes": len(done), **counts})
     return pd.DataFrame(rows)
 
 
