@@ -238,10 +238,8 @@ class EpisodePolicy(PreTrainedPolicy):
 
 
 def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
-    lengths = [
-        b - a for a, b in zip(meta.episodes["dataset_from_index"], meta.episodes["dataset_to_index"], strict=True)
-    ]
-    config.describe_dataset(meta.features, meta.stats, max(lengths))
+    starts, stops = (meta.episodes[f"dataset_{end}_index"][:] for end in ("from", "to"))
+    config.describe_dataset(meta.features, meta.stats, max(b - a for a, b in zip(starts, stops, strict=True)))
     if config.language_encoder == WORDS and not config.vocabulary:
         config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
         logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))
