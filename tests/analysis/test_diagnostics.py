@@ -201,6 +201,8 @@ def test_swap_in_babyai(
     printed = capsys.readouterr().out
     assert "first skill code changes" in printed
     assert swap.READING in printed
+    assert diagnose(monkeypatch, "swap", lisa, tmp_path, *options, "--batch_size=2") == 0
+    assert capsys.readouterr().out == printed  # from what was recorded
 
 
 def test_swap_in_lorel(tabletop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

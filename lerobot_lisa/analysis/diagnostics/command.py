@@ -24,7 +24,7 @@ class DiagnosisConfig(EvaluationConfig):
     """What to run; options are those of `lerobot-eval`.
 
     Attributes:
-        output_dir: For the numbers as CSV and, where it is recorded, the trace.
+        output_dir: For the numbers as CSV, and the traces; what an equal earlier run has done is used.
     """
 
     n_episodes: int = 20

@@ -9,11 +9,10 @@ import numpy as np
 import pandas as pd
 from lerobot.envs.configs import EnvConfig
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from lerobot_lisa.analysis.diagnostics.worlds import GOALS, GoalWatcher, side_by_side
-from lerobot_lisa.analysis.recording.environment import Batch
-from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, load, run_batch
+from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, load
+from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import KEY
 from lerobot_lisa.analysis.success import success_rate
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
@@ -55,7 +54,14 @@ def measure(config: EvaluationConfig) -> dict[str, Arm]:
     if not isinstance(config.env, BabyAIEnvConfig | LorelEnvConfig):
         raise UserError(f"--env.type={config.env.type}: instructions can be swapped in babyai and lorel")
     evaluation = load(config)
-    return {told: _run(config, evaluation._replace(envs=_envs(config.env, told, config.batch_size))) for told in GOALS}
+    return {told: _run(config, evaluation, told) for told in GOALS}
+
+
+def _run(config: EvaluationConfig, evaluation: Evaluation, told: str) -> Arm:
+    folder = config.output_dir / f"told_{told}"
+    goals, envs = GoalWatcher(folder), _envs(config.env, told, config.batch_size)
+    trace = record(config, folder, [goals], evaluation._replace(envs=envs), told=told)
+    return Arm(trace.steps, goals.reached.loc[trace.episodes.set_index(KEY).index, list(GOALS)].to_numpy(bool))
 
 
 def _envs(env: EnvConfig, told: str, count: int) -> Envs:
@@ -78,17 +84,6 @@ def _envs(env: EnvConfig, told: str, count: int) -> Envs:
     levels = [name.strip() for name in env.task.split(",")]
     make_all = [partial(SwappedBabyAI, level, told, **env.gym_kwargs) for level in levels]
     return {"babyai": {task_id: side_by_side([make] * count) for task_id, make in enumerate(make_all)}}
-
-
-def _run(config: EvaluationConfig, evaluation: Evaluation) -> Arm:
-    tasks = [(group, task_id) for group, envs in evaluation.envs.items() for task_id in envs]
-    batches = [Batch(*task, first) for task in tasks for first in range(0, config.n_episodes, config.batch_size)]
-    goals = GoalWatcher()
-    steps = [
-        run_batch(config, evaluation, batch, number, [goals])[0].to_pandas()
-        for number, batch in enumerate(tqdm(batches, desc="swapping", unit="batch", disable=None))
-    ]
-    return Arm(pd.concat(steps, ignore_index=True), goals.reached)
 
 
 def table(arms: dict[str, Arm]) -> pd.DataFrame:

@@ -1,39 +1,48 @@
 """Worlds that hold two goals at once: the policy is told one of them, and both are watched."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
+import pandas as pd
 from lerobot.envs.utils import freeze_after_episode_end
-from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.recording.environment import Moment
+from lerobot_lisa.analysis.recording.traces import KEY
 
 GOALS = ("original", "other")
+_FILE = "goals.parquet"
 
 
 class GoalWatcher:
-    """Watches a recording of worlds with two goals: which ones each episode has reached, (E, 2), in order."""
+    """Watches a recording of worlds with two goals and keeps, beside the trace, which ones each episode has reached."""
 
-    def __init__(self) -> None:
-        """Nothing yet."""
-        self._reached: list[NDArray[np.bool_]] = []
-        self._counting: list[int] = []
+    def __init__(self, folder: Path) -> None:
+        """Go on with what is in the trace's folder."""
+        self._path = folder / _FILE
+        self._live: list[int] = []
+        self._rows = pd.read_parquet(self._path) if self._path.is_file() else pd.DataFrame()
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
-        """Whether the goals of `GOALS` were reached, (E, 2)."""
-        return np.concatenate(self._reached)
+    def reached(self) -> pd.DataFrame:
+        """Columns `GOALS`, whether each was reached; a row for each episode, by `traces.KEY`."""
+        return self._rows.drop_duplicates(KEY, keep="last").set_index(KEY)
 
     def before_step(self, moment: Moment) -> None:
         """Note which environments count: LeRobot fills up its last batch."""
         if moment.step == 0:
-            self._counting = moment.live
+            self._live = moment.live
 
     def after_rollout(self, moment: Moment) -> None:
-        """Ask the worlds."""
-        self._reached.append(np.array(moment.env.call("reached"), bool)[self._counting])
+        """Ask the worlds, and write."""
+        group, task_id, first = moment.batch
+        goals = pd.DataFrame(list(moment.env.call("reached")), columns=list(GOALS)).iloc[self._live]
+        rows = goals.assign(group=group, task_id=task_id, episode=[first + index for index in self._live])
+        self._rows = pd.concat([self._rows, rows], ignore_index=True)
+        aside = self._path.with_name(_FILE + ".partial")
+        self._rows.to_parquet(aside)
+        aside.replace(self._path)
 
 
 def side_by_side(factories: Sequence[Callable[[], gym.Env]]) -> gym.vector.SyncVectorEnv:
