@@ -72,7 +72,7 @@ def transition_plot(made: Choices, sample: str) -> Plot:
     codes = [str(code) for code in range(made.size)]
     again = np.trace(counts) / max(1, counts.sum())
     title, labels = "Next code (columns) after each code (rows)", ("skill code", "next skill code")
-    figure = heat_map(shares, codes, codes, labels, "share of the row", title, sample, highest=1.0)
+    figure = heat_map(shares, codes, codes, labels, "share of the row", title, sample)
     table = long_table({"times": counts, "share": shares}, codes, codes, ("skill_code", "next_skill_code"))
     reading = (
         f"Rows sum to 1. The diagonal is a code that goes on: {again:.0%} of all choices repeat the one before. Dark "

@@ -30,7 +30,7 @@ def information_plot(asked: Mapping[str, Information], sample: str) -> Plot:
         axes.axvspan(float(low), float(high), color="0.9", zorder=0, label="95 % of chance")
         axes.axvline(float(found.bits), color=INK, linewidth=2, label=f"counted: {found.bits:.3f}")
         axes.set(title=name, xlabel="bits", ylabel="permutations", xlim=(0, None))
-        axes.legend(fontsize=6.5, loc="upper left")
+        axes.legend(fontsize=6.5, loc="upper left", frameon=True, edgecolor="white", framealpha=1)
         axes.set_ylim(top=1.45 * axes.get_ylim()[1])  # room for the legend
     rows = [
         (name, found.bits, *found.interval, found.chance.mean(), found.p_value, found.limit, len(found.chance))
@@ -48,7 +48,7 @@ def information_plot(asked: Mapping[str, Information], sample: str) -> Plot:
 def _range(found: Information) -> tuple[float, float]:
     """Of the histogram; chance may give the same each time."""
     low, high = float(found.chance.min()), float(found.chance.max())
-    margin = max(0.0, 0.02 * float(found.limit) + 1e-3 - (high - low)) / 2
+    margin = 0.0 if high - low > 1e-6 else 1e-3
     return low - margin, high + margin
 
 

@@ -27,6 +27,7 @@ from lerobot_lisa.analysis.statistics.information import (
 )
 from lerobot_lisa.analysis.statistics.words import top_words, word_table
 
+NOTABLE = 1.05  # times as frequent as usual: what rounds to more than usual
 FIRST, ALL = "words, first code", "words, all codes"
 NAMES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
 NO_SKILLS = "Lang-DT is flat: it acts on instructions and observations without skill codes, so there are none to show."
@@ -186,7 +187,10 @@ def skill_facts(skills: Skills, most: int = 6) -> list[SkillFacts]:
     """Facts of the codes that were used, the most frequent first."""
     counts = skills.made.counts
     chosen, episodes = counts.sum(0), (counts > 0).sum(0)
-    words = top_words(skills.words, skills.counts, most)
+    words = [
+        [(word, times) for word, times in listed if times >= NOTABLE]
+        for listed in top_words(skills.words, skills.counts, most)
+    ]
     order = [int(code) for code in np.argsort(-chosen, kind="stable") if chosen[code]]
     return [SkillFacts(code, int(episodes[code]), chosen[code] / chosen.sum(), words[code]) for code in order]
 
