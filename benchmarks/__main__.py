@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: 1)")
     parser.add_argument("--check", type=int, default=0, metavar="N", help="part bot: compare N episodes of each level")
     parser.add_argument("--json", type=Path, help="keep the figures here")
-    parser.add_argument("--compare", type=Path, help="print how figures changed since this file of --json")
+    parser.add_argument("--compare", type=Path, nargs="+", help="print how figures changed since these files of --json")
     parser.add_argument("--rows", type=Path, nargs="+", help="take figures from these files of --json, measure nothing")
     return parser
 

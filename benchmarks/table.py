@@ -149,11 +149,11 @@ def _document(path: Path) -> dict[str, Any]:
     raise UserError(f"{path} is not a file that --json has written ({problem})")
 
 
-def comparison(rows: Sequence[Row], path: Path) -> str:
-    """How the CPU figures have changed since an earlier run that was kept in `path`."""
-    earlier = _document(path)
-    before = {row["what"]: row["cpu"] for row in earlier["rows"]}
-    lines = [f"| what | {earlier['commit'] or 'earlier'} | now | change |", "|---|---|---|---|"]
+def comparison(rows: Sequence[Row], paths: Sequence[Path]) -> str:
+    """How the CPU figures have changed since earlier runs that were kept in `paths`."""
+    before = {row.what: row.cpu for path in paths for row in load(path)}
+    commits = sorted({_document(path)["commit"] or "earlier" for path in paths})
+    lines = [f"| what | {', '.join(commits)} | now | change |", "|---|---|---|---|"]
     for row in rows:
         then = before.get(row.what)
         old, change = ("-", "new") if then is None else (_figure(then), f"{100 * (row.cpu / then - 1):+.0f} %")

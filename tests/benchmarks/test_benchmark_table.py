@@ -34,7 +34,7 @@ def test_two_runs_are_compared(tmp_path: Path) -> None:
     save([Row("a", "b", Aim("at most", 3, "%"), 1.0, 1.5), Row("more", "b", Aim("at least", 1), 1, 1)], new)
 
     assert [row.what for row in load(new)] == ["a", "more"]
-    assert comparison(load(new), old).splitlines()[2:] == ["| a | 2 | 1 | -50 % |", "| more | - | 1 | new |"]
+    assert comparison(load(new), [old]).splitlines()[2:] == ["| a | 2 | 1 | -50 % |", "| more | - | 1 | new |"]
     assert json.loads(new.read_text())["commit"]
     for content in ("[]", "{}", "no JSON"):
         old.write_text(content)
