@@ -127,8 +127,8 @@ class FrameCollector:
             example.frames.append(_png(render(moment.env, index)))
 
 
-def read(folder: Path) -> list[Example]:
-    """The examples in a folder, those of a code together; none if nothing was collected.
+def read(folder: Path, most: int | None = None) -> list[Example]:
+    """The examples in a folder, at most so many of each code, those of a code together; none if none were collected.
 
     Raises:
         UserError: The file is another.
@@ -140,7 +140,10 @@ def read(folder: Path) -> list[Example]:
         rows = pq.read_table(path).cast(_SCHEMA).to_pylist()
     except (OSError, ValueError, pa.ArrowException) as error:
         raise UserError(f"{path}: not frames of lerobot_lisa ({str(error).splitlines()[0]}): delete it") from error
-    return [Example(**row) for row in rows]
+    by_code: dict[int, list[Example]] = {}
+    for row in rows:
+        by_code.setdefault(row["code"], []).append(Example(**row))
+    return [example for examples in by_code.values() for example in examples[:most]]
 
 
 def _png(picture: NDArray[np.uint8]) -> bytes:

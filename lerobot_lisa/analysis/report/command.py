@@ -79,7 +79,7 @@ def report(config: ReportConfig) -> None:
     trace = _record(config)
     with TemporaryDirectory(dir=config.output_dir, prefix=".building_") as folder:
         building = Path(folder)
-        examples = frames.read(config.output_dir / TRACE)
+        examples = frames.read(config.output_dir / TRACE, config.examples)
         numbers = build(building, trace, data, examples, config.permutations, config.font)
         _move_in_place(building, config.output_dir)
     for name, number, meaning in numbers:
