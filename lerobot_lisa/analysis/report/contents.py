@@ -34,8 +34,9 @@ NO_SKILLS = "Lang-DT is flat: it acts on instructions and observations without s
 INFORMATION = (
     "Mutual information is how many bits about the code one learns from the language. Counted from few episodes it is "
     "never 0, so each number stands beside what the same count gives when instructions are dealt to other episodes. An "
-    "episode's first code shows language best. Its set of all codes is what the paper's heat maps count; in long "
-    "episodes that is nearly all codes whatever was asked for."
+    "episode's set of all codes is what the paper's heat maps count; in long episodes that is nearly all codes, "
+    "whatever was asked for. Language that acts only together with what is seen (“turn left, for there is the red one”) does "
+    "not show here: lisa-diagnose swap finds it."
 )
 WORDS = (
     "Each code that an episode used gets all words of its instruction, as in the paper: nobody knows which of them a "
