@@ -35,8 +35,8 @@ INFORMATION = (
     "Mutual information is how many bits about the code one learns from the language. Counted from few episodes it is "
     "never 0, so each number stands beside what the same count gives when instructions are dealt to other episodes. An "
     "episode's set of all codes is what the paper's heat maps count; in long episodes that is nearly all codes, "
-    "whatever was asked for. Language that acts only together with what is seen (“turn left, for there is the red one”) does "
-    "not show here: lisa-diagnose swap finds it."
+    "whatever was asked for. Language that acts only together with what is seen (“turn left, for there is the red "
+    "one”) does not show here: lisa-diagnose swap finds it."
 )
 WORDS = (
     "Each code that an episode used gets all words of its instruction, as in the paper: nobody knows which of them a "
