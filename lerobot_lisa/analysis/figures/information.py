@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.figures.plot import Plot
@@ -30,6 +31,7 @@ def information_plot(asked: Mapping[str, Information], sample: str) -> Plot:
         axes.axvspan(float(low), float(high), color="0.9", zorder=0, label="95 % of chance")
         axes.axvline(float(found.bits), color=INK, linewidth=2, label=f"counted: {found.bits:.3f}")
         axes.set(title=name, xlabel="bits", ylabel="permutations", xlim=(0, None))
+        axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.legend(fontsize=6.5, loc="upper left", frameon=True, edgecolor="white", framealpha=1)
         axes.set_ylim(top=1.45 * axes.get_ylim()[1])  # room for the legend
     rows = [
