@@ -75,7 +75,7 @@ def skills_of(trace: Trace, permutations: int) -> Skills:
     information = {
         FIRST: language_information(table, made.first, permutations),
         ALL: language_information(table, made.used, permutations),
-        # Of the first code only: instructions differ in how long their episodes last, and so in how many codes they get.
+        # Not of all codes: instructions differ in how long their episodes last, and so in how many codes they get.
         "instruction, first code": language_information(one_hot(instructions), made.first, permutations),
     }
     return Skills(made, words, table, table.T @ made.used, information)
