@@ -32,32 +32,33 @@ class DemonstrationBot(BabyAIBot):
         Upstream also queues a cell from each of its neighbours and skips all but the first; here only the first queues.
         """
         self.bfs_counter += 1
-        queue: deque = deque((state, None) for state in initial_states)
-        queued = {state[:2] for state, _ in queue}
         grid, seen = self.mission.grid, self._seen
         cells, width = grid.grid, grid.width
+        queued = bytearray(len(cells))
+        queue: deque = deque()
+        for i, j, di, dj in initial_states:
+            queued[j * width + i] = True
+            queue.append((i, j, di, dj, None))
         previous: dict[Position, Position | None] = {}
         while queue:
-            (i, j, di, dj), came_from = queue.popleft()
+            i, j, di, dj, came_from = queue.popleft()
             here = (i, j)
             self.bfs_step_counter += 1
             cell = cells[j * width + i]
             previous[here] = came_from
             if accept_fn(here, cell):
                 return _path_to(here, previous), here, previous
-            if seen[i][j] and not _blocks(cell, ignore_blockers):
+            if seen[i][j] and (cell is None or not _blocks(cell, ignore_blockers)):
                 for k, l in ((di, dj), (dj, di), (-dj, -di), (-di, -dj)):  # noqa: E741  (minigrid's names)
-                    there = (i + k, j + l)
-                    if there not in queued:
-                        queued.add(there)
-                        queue.append(((*there, k, l), here))
+                    there = (j + l) * width + i + k
+                    if not queued[there]:
+                        queued[there] = True
+                        queue.append((i + k, j + l, k, l, here))
         return None, None, previous
 
 
 def _blocks(cell: Any, ignore_blockers: bool) -> bool:
     """Whether the search stops at a cell: walls and closed doors always, other objects unless told otherwise."""
-    if cell is None:
-        return False
     if cell.type == "door":
         return not cell.is_open
     return cell.type == "wall" or not ignore_blockers
