@@ -94,6 +94,7 @@ def test_lorel_starts_where_both_tasks_can_be_done() -> None:
 def arm(codes: list[int], actions: list[float], reached: list[tuple[bool, bool]]) -> Arm:
     episodes = range(len(codes))
     steps = pd.DataFrame({"group": "babyai", "task_id": 0, "episode": episodes, "step": 0, "code": codes})
+    steps["observation"] = 5
     return Arm(steps.assign(action=[np.array([action], np.float32) for action in actions]), np.array(reached))
 
 
@@ -106,9 +107,24 @@ def test_swap_counts_on_known_answers() -> None:
     assert lines[0].split()[0] == "3/4"
     assert "62.5 %  of pairs" in lines[1]  # 1 - (1/4 + 1/16 + 1/16)
     assert lines[2].split()[0] == "1/4"
-    assert [line.split()[0] for line in lines[3:]] == ["4/4", "0/4", "1/4", "3/4"]
+    assert lines[3].split()[0] == "1.0"
+    assert [line.split()[0] for line in lines[4:]] == ["4/4", "0/4", "1/4", "3/4"]
     rows = swap.table({"original": own, "other": other})
     assert list(rows["successes"]) == [4, 0, 1, 3]
+
+
+def test_the_common_way_ends_with_the_first_difference() -> None:
+    def run(observations: list[int], actions: list[int]) -> pd.DataFrame:
+        steps = pd.DataFrame({"group": "babyai", "task_id": 0, "episode": 0, "observation": observations})
+        return steps.assign(step=range(len(steps)), action=[np.array([action], np.float32) for action in actions])
+
+    way = run([1, 2, 3, 4], [0, 0, 1, 0])
+
+    assert swap.common_steps(way, way) == 4
+    assert swap.common_steps(way, run([1, 2, 3], [0, 0, 1])) == 3
+    assert swap.common_steps(way, run([1, 2, 3, 4], [0, 5, 1, 0])) == 1
+    assert swap.common_steps(way, run([1, 2, 9, 4], [0, 0, 1, 0])) == 2
+    assert swap.common_steps(way, run([9, 2, 3, 4], [0, 0, 1, 0])) == 0
 
 
 def test_real_actions_are_measured_in_their_spread() -> None:

@@ -105,9 +105,20 @@ def lines(arms: dict[str, Arm]) -> Iterator[str]:
         shares = original["code"].value_counts(normalize=True)
         yield f"{'':>9}  {100 * (1 - (shares**2).sum()):5.1f} %  of pairs of different episodes differ in it"
     yield _first_actions(np.stack(original["action"]), np.stack(other["action"]))
+    steps = common_steps(*(arms[goal].steps for goal in GOALS))
+    yield f"{'':>9}  {np.median(steps):5.1f} steps are the same whatever is told, in half of the episodes (median)"
     for told, arm in arms.items():
         for goal, reached in zip(GOALS, arm.reached.T, strict=True):
             yield f"{success_rate(reached)}  of the {goal} goal when told the {told} one"
+
+
+def common_steps(original: pd.DataFrame, other: pd.DataFrame) -> NDArray[np.int64]:
+    """How many steps of each episode see and do the same in both runs, (E,)."""
+    pairs = original.merge(other, on=[*KEY, "step"], suffixes=("", "_other"))
+    seen = pairs["observation"] == pairs["observation_other"]
+    done = [np.array_equal(a, b) for a, b in zip(pairs["action"], pairs["action_other"], strict=True)]
+    same = seen & np.array(done, bool)
+    return same.groupby([pairs[name] for name in KEY], observed=True).apply(lambda row: row.cummin().sum()).to_numpy()
 
 
 def _first_actions(original: NDArray[np.float32], other: NDArray[np.float32]) -> str:
