@@ -29,11 +29,12 @@ MILLION = 1_000_000
 
 def main() -> None:
     options = _parser().parse_args()
-    found = {name: level_cost(name, options.episodes) for name in LEVELS}
-    total = {key: sum(cost[key] for cost in found.values()) for key in ("CPU-hours", "GB", "million frames")}
     print("| level | demonstrations/CPU-s | frames each | CPU-hours | million frames | GB |\n|---|---|---|---|---|---|")
-    for name, cost in found.items():
-        print(f"| {name} | {cost['per CPU-second']:.0f} | {cost['frames each']:.0f} | {_last(cost)} |")
+    found = {}
+    for name in LEVELS:
+        cost = found[name] = level_cost(name, options.episodes)
+        print(f"| {name} | {cost['per CPU-second']:.3g} | {cost['frames each']:.0f} | {_last(cost)} |", flush=True)
+    total = {key: sum(cost[key] for cost in found.values()) for key in ("CPU-hours", "GB", "million frames")}
     print(f"| all {len(found)} | | | {_last(total)} |")
     result: dict[str, Any] = {"episodes": options.episodes, "levels": found, "all": total}
     for count in options.copies if options.merge else ():
