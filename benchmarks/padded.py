@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.transformer import CausalTransformer
 
@@ -59,10 +60,11 @@ class PaddedLisa(nn.Module):
         predictor = network.predictor
         self.horizon = network.horizon
         self.language, self.skill_embedding = deepcopy(network.language), deepcopy(network.skill_embedding)
-        self.observations, self.timesteps = deepcopy(predictor.observations), deepcopy(predictor.timesteps)
+        self.observations = deepcopy(network.predictor_observations or network.observations)
+        self.timesteps = deepcopy(predictor.timesteps)
         self.output, self.quantizer = deepcopy(predictor.output), deepcopy(network.codebook.quantizer)
         self.predictor = _Transformer(predictor.transformer)
-        self.policy = _Policy(network.policy)
+        self.policy = _Policy(network.observations, network.policy)
 
     def forward(self, batch: PaddedBatch) -> Tensor:
         """The training loss."""
@@ -95,7 +97,7 @@ class PaddedLangDT(nn.Module):
 
     def __init__(self, network: LangDT) -> None:
         super().__init__()
-        self.language, self.policy = deepcopy(network.language), _Policy(network.policy)
+        self.language, self.policy = deepcopy(network.language), _Policy(network.observations, network.policy)
 
     def forward(self, batch: PaddedBatch) -> Tensor:
         """The training loss."""
@@ -107,9 +109,9 @@ class PaddedLangDT(nn.Module):
 class _Policy(nn.Module):
     """Losses of the actions in `[prefix ; o_0, a_0, o_1, a_1, ...]`."""
 
-    def __init__(self, policy: ActionPredictor) -> None:
+    def __init__(self, observations: ObservationEncoder, policy: ActionPredictor) -> None:
         super().__init__()
-        self.observations, self.timesteps = deepcopy(policy.observations), deepcopy(policy.timesteps)
+        self.observations, self.timesteps = deepcopy(observations), deepcopy(policy.timesteps)
         self.head, self.transformer = deepcopy(policy.head), _Transformer(policy.transformer)
 
     def forward(

@@ -1,12 +1,9 @@
 """Transformers that predict actions: LISA's policy over one chunk, and the flat Lang-DT over the whole episode."""
 
-from collections.abc import Mapping
-
 import torch
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.actions import ActionHead
-from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer, Memory, after_prefix
@@ -19,22 +16,15 @@ class ActionPredictor(nn.Module):
     and sees one chunk (paper, section 4.1); Lang-DT gets the instruction tokens and sees the whole episode.
     """
 
-    def __init__(
-        self,
-        observations: ObservationEncoder,
-        timesteps: TimestepEmbedding,
-        transformer: CausalTransformer,
-        head: ActionHead,
-    ) -> None:
+    def __init__(self, timesteps: TimestepEmbedding, transformer: CausalTransformer, head: ActionHead) -> None:
         super().__init__()
-        self.observations, self.timesteps, self.transformer = observations, timesteps, transformer
-        self.head = head
+        self.timesteps, self.transformer, self.head = timesteps, transformer, head
 
     def forward(
         self,
         prefix: Tensor,
         prefix_valid: Tensor | None,
-        observations: Mapping[str, Tensor],
+        seen: Tensor,
         actions: Tensor,
         packing: Packing,
     ) -> Tensor:
@@ -43,7 +33,7 @@ class ActionPredictor(nn.Module):
         Args:
             prefix: (B, M, D).
             prefix_valid: (B, M); None: all valid.
-            observations: Features of all N frames, each (N, *shape).
+            seen: Observations of all N frames, embedded, (N, D).
             actions: (N, A), of which each prediction sees only those before it.
             packing: Where each sequence lies in the N frames.
 
@@ -51,7 +41,7 @@ class ActionPredictor(nn.Module):
             The head's predictions for all N frames.
         """
         when = self.timesteps(packing.steps)
-        pairs = torch.stack([self.observations(observations) + when, self.head.embed(actions) + when], dim=1)
+        pairs = torch.stack([seen + when, self.head.embed(actions) + when], dim=1)
         frames = packing.pad(pairs.flatten(1)).unflatten(-1, (2, -1)).flatten(1, 2)  # (B, 2T, D)
         tokens = torch.cat([prefix, frames[:, :-1]], dim=1)  # nobody asks what follows the last action
         order = after_prefix(prefix.shape[1], torch.arange(2 * packing.longest - 1, device=prefix.device))
@@ -67,22 +57,20 @@ class ActionPredictor(nn.Module):
         )
         return memory
 
-    def step(
-        self, memory: Memory, step: int, observations: Mapping[str, Tensor], previous_actions: Tensor | None
-    ) -> Tensor:
+    def step(self, memory: Memory, step: int, seen: Tensor, previous_actions: Tensor | None) -> Tensor:
         """Predict the action of one more step.
 
         Args:
             memory: From `begin`.
             step: Counted from the sequence's start.
-            observations: This step's features, each (B, *shape).
+            seen: This step's observation, embedded, (B, D).
             previous_actions: Actions (B, A) of the step before; None at the sequence's start.
 
         Returns:
             The head's predictions (B, ...).
         """
-        when = torch.tensor([step], device=next(iter(observations.values())).device)
-        tokens = [self.observations(observations) + self.timesteps(when)]
+        when = torch.tensor([step], device=seen.device)
+        tokens = [seen + self.timesteps(when)]
         order = [2 * step]
         if previous_actions is not None:
             tokens.insert(0, self.head.embed(previous_actions) + self.timesteps(when - 1))

@@ -93,7 +93,17 @@ def mutual_information(distances: Tensor) -> Tensor:
 
 def perplexity(codes: Tensor, size: int) -> Tensor:
     """How many codes are in effective use: 2 to the entropy of their frequencies, between 1 and `size`."""
-    return 2 ** _entropy(torch.bincount(codes, minlength=size) / max(1, len(codes)))
+    return 2 ** _entropy(_counts(codes, size) / max(1, len(codes)))
+
+
+def codes_used(codes: Tensor, size: int) -> Tensor:
+    """How many different codes occur."""
+    return (_counts(codes, size) > 0).sum()
+
+
+def _counts(codes: Tensor, size: int) -> Tensor:
+    """(K,) how often each code occurs; `bincount` and `unique` would make a GPU's host wait."""
+    return torch.zeros(size, device=codes.device).index_add(0, codes, torch.ones(len(codes), device=codes.device))
 
 
 def _entropy(probabilities: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing, by_length
 from lerobot_lisa.networks.transformer import Memory
 
@@ -28,9 +29,16 @@ class LangDTHistory(History):
 class LangDT(EpisodeNetwork):
     """A Decision Transformer conditioned on the instruction instead of returns (paper, section 4.1)."""
 
-    def __init__(self, language: LanguageEncoder, policy: ActionPredictor, padding_waste: float) -> None:
+    def __init__(
+        self,
+        language: LanguageEncoder,
+        observations: ObservationEncoder,
+        policy: ActionPredictor,
+        padding_waste: float,
+    ) -> None:
         super().__init__()
-        self.language, self.policy, self.padding_waste = language, policy, padding_waste
+        self.language, self.observations, self.policy = language, observations, policy
+        self.padding_waste = padding_waste
 
     def forward(
         self,
@@ -41,14 +49,15 @@ class LangDT(EpisodeNetwork):
         packing: Packing,
     ) -> Tensor:
         """Predict every action of B whole episodes; arguments as in `Lisa.forward`."""
-        language = self.language(tokens, tokens_valid)
+        language, seen = self.language(tokens, tokens_valid), self.observations(observations)
         predictions, order = [], []
         for group in by_length(packing.lengths, self.padding_waste):
             rows = packing.rows(group)
-            part = {key: value[rows] for key, value in observations.items()}
             group_packing = Packing(packing.lengths[group], packing.device)
             where = group.to(tokens.device)
-            predictions.append(self.policy(language[where], tokens_valid[where], part, actions[rows], group_packing))
+            predictions.append(
+                self.policy(language[where], tokens_valid[where], seen[rows], actions[rows], group_packing)
+            )
             order.append(rows)
         return torch.cat(predictions)[torch.cat(order).argsort()]
 
@@ -64,4 +73,4 @@ class LangDT(EpisodeNetwork):
     def act(self, history: LangDTHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""
         history.step += 1
-        return self.policy.step(history.policy, history.step - 1, observations, history.actions)
+        return self.policy.step(history.policy, history.step - 1, self.observations(observations), history.actions)

@@ -11,6 +11,7 @@ from lerobot_lisa.networks.actions import ActionHead
 from lerobot_lisa.networks.codebook import Codebook, Quantized
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.skill_plan import SkillPlan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
@@ -39,20 +40,34 @@ class LisaHistory(History):
 
 
 class Lisa(EpisodeNetwork):
-    """Language and observations choose a skill code every H steps; code and chunk choose the actions."""
+    """Language and observations choose a skill code every H steps; code and chunk choose the actions.
+
+    Args:
+        language: Instructions to tokens.
+        observations: What the policy sees with.
+        predictor: f, chooses embeddings.
+        codebook: Turns embeddings into skill codes.
+        skill_embedding: Skill codes to tokens of the policy.
+        policy: pi, chooses actions.
+        horizon: H.
+        predictor_observations: What the skill predictor sees with; None: `observations`, looking once for both.
+    """
 
     def __init__(
         self,
         language: LanguageEncoder,
+        observations: ObservationEncoder,
         predictor: SkillPredictor,
         codebook: Codebook,
         skill_embedding: nn.Linear,
         policy: ActionPredictor,
         horizon: int,
+        predictor_observations: ObservationEncoder | None = None,
     ) -> None:
         super().__init__()
-        self.language, self.predictor, self.codebook = language, predictor, codebook
+        self.language, self.observations, self.predictor, self.codebook = language, observations, predictor, codebook
         self.skill_embedding, self.policy, self.horizon = skill_embedding, policy, horizon
+        self.predictor_observations = predictor_observations
 
     def forward(
         self,
@@ -74,11 +89,11 @@ class Lisa(EpisodeNetwork):
         Returns:
             Predictions for all N frames, and the skill codes of all chunks, in order.
         """
-        language = self.language(tokens, tokens_valid)
-        skills = self.codebook(self.predictor(language, tokens_valid, observations, packing, self.horizon))
+        language, seen = self.language(tokens, tokens_valid), self.observations(observations)
+        predictor_seen = self.predictor_observations(observations) if self.predictor_observations else seen
+        skills = self.codebook(self.predictor(language, tokens_valid, predictor_seen, packing, self.horizon))
         prefix = self.skill_embedding(skills.embeddings)[:, None]
-        chunks = packing.split(self.horizon)
-        return self.policy(prefix, None, observations, actions, chunks), skills
+        return self.policy(prefix, None, seen, actions, packing.split(self.horizon)), skills
 
     @property
     def head(self) -> ActionHead:
@@ -100,13 +115,14 @@ class Lisa(EpisodeNetwork):
             raise RuntimeError("a rollout starts at step 0")
         previous = history.actions if step_in_chunk else None
         history.step += 1
-        return self.policy.step(history.policy, step_in_chunk, observations, previous)
+        return self.policy.step(history.policy, step_in_chunk, self.observations(observations), previous)
 
     def _choose_skill(self, history: LisaHistory, planned: int | None) -> None:
         """Ask the skill predictor, whose memory and answer are wanted even where the plan has a code of its own."""
-        recent = {key: torch.stack([seen[key] for seen in history.unseen], dim=1) for key in history.unseen[0]}
-        first = history.step + 1 - len(history.unseen)
-        skills = self.codebook(self.predictor.ask(history.predictor, recent, first))
+        count = len(history.unseen)
+        recent = {key: torch.cat([frame[key] for frame in history.unseen]) for key in history.unseen[0]}
+        seen = (self.predictor_observations or self.observations)(recent).unflatten(0, (count, -1)).transpose(0, 1)
+        skills = self.codebook(self.predictor.ask(history.predictor, seen, history.step + 1 - count))
         history.unseen.clear()
         history.codes = history.predicted = skills.codes
         embeddings = skills.embeddings

@@ -1,11 +1,8 @@
 """LISA's upper level f: the instruction and all observations so far to one embedding per chunk of H steps."""
 
-from collections.abc import Mapping
-
 import torch
 from torch import Tensor, nn
 
-from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer, Memory, after_prefix
@@ -17,34 +14,25 @@ class SkillPredictor(nn.Module):
     Actions are not part of its input. In training only the steps that are asked are computed in the last block.
     """
 
-    def __init__(
-        self, observations: ObservationEncoder, timesteps: TimestepEmbedding, transformer: CausalTransformer, width: int
-    ) -> None:
+    def __init__(self, timesteps: TimestepEmbedding, transformer: CausalTransformer, width: int) -> None:
         super().__init__()
-        self.observations, self.timesteps, self.transformer = observations, timesteps, transformer
+        self.timesteps, self.transformer = timesteps, transformer
         self.output = nn.Linear(width, width)
 
-    def forward(
-        self,
-        language: Tensor,
-        language_valid: Tensor,
-        observations: Mapping[str, Tensor],
-        packing: Packing,
-        horizon: int,
-    ) -> Tensor:
+    def forward(self, language: Tensor, language_valid: Tensor, seen: Tensor, packing: Packing, horizon: int) -> Tensor:
         """Whole episodes.
 
         Args:
             language: Instruction tokens (B, M, D).
             language_valid: (B, M).
-            observations: Features of all N frames, each (N, *shape).
+            seen: Observations of all N frames, embedded, (N, D).
             packing: Where each of the B episodes lies in the N frames.
             horizon: H, steps between two questions.
 
         Returns:
             Embeddings (C, D), one for each chunk of each episode, in order.
         """
-        frames = packing.pad(self.observations(observations) + self.timesteps(packing.steps))
+        frames = packing.pad(seen + self.timesteps(packing.steps))
         order = after_prefix(language.shape[1], torch.arange(packing.longest, device=language.device))
         asked = language.shape[1] + torch.arange(0, packing.longest, horizon, device=language.device)
         tokens = torch.cat([language, frames], dim=1)
@@ -59,21 +47,19 @@ class SkillPredictor(nn.Module):
         self.transformer(language, after_prefix(language.shape[1], nowhere), language_valid, memory=memory)
         return memory
 
-    def ask(self, memory: Memory, observations: Mapping[str, Tensor], first_step: int) -> Tensor:
+    def ask(self, memory: Memory, seen: Tensor, first_step: int) -> Tensor:
         """Continue a rollout with the observations since the last question and ask at the newest of them.
 
         Args:
             memory: From `begin`.
-            observations: Features (B, n, *shape) of steps first_step .. first_step + n - 1.
+            seen: Observations (B, n, D) of steps first_step .. first_step + n - 1, embedded.
             first_step: Counted from the episode's start.
 
         Returns:
             Embeddings (B, D).
         """
-        batch, count = next(iter(observations.values())).shape[:2]
-        flat = {key: value.flatten(0, 1) for key, value in observations.items()}
-        frames = self.observations(flat).unflatten(0, (batch, count))
-        steps = torch.arange(first_step, first_step + count, device=frames.device)
-        newest = torch.tensor([count - 1], device=frames.device)
-        answers = self.transformer(frames + self.timesteps(steps), steps, rows=newest, memory=memory)
+        count = seen.shape[1]
+        steps = torch.arange(first_step, first_step + count, device=seen.device)
+        newest = torch.tensor([count - 1], device=seen.device)
+        answers = self.transformer(seen + self.timesteps(steps), steps, rows=newest, memory=memory)
         return self.output(answers[:, 0])

@@ -28,7 +28,7 @@ class EpisodePolicyConfig(PreTrainedConfig):
         dropout: On residual branches and token embeddings.
         language_encoder: "words", or a Hugging Face id or local path of an encoder.
         freeze_language_encoder: Keep a pretrained encoder as it is; its answers are then cached per instruction.
-        image_backbone: A torchvision resnet for image features instead of four convolutions.
+        image_backbone: A torchvision resnet for image features instead of three convolutions.
         image_backbone_weights: Its weights at the start by torchvision's name, such as "DEFAULT"; None: from scratch.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
             None: those that the dataset's `action` feature names in its `info`, as {"ignored": ["wrist"]}.

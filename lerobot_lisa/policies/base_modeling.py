@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from lerobot.configs.train import TrainPipelineConfig
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
-Metrics = dict[str, float]
+Metrics = dict[str, Tensor]  # scalars, on the device until all are read at once
 
 
 class EpisodePolicy(PreTrainedPolicy):
@@ -96,7 +96,7 @@ class EpisodePolicy(PreTrainedPolicy):
 
     # Training.
 
-    def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, Metrics]:
+    def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Loss of the whole episodes that a batch's frames belong to.
 
         Args:
@@ -120,10 +120,9 @@ class EpisodePolicy(PreTrainedPolicy):
             outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
         head = self.network.head
         action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
-        metrics |= {"action_loss": action_loss.mean().item()}
-        metrics |= {key: value.item() for key, value in head.metrics(outputs.detach(), actions).items()}
+        metrics = {**metrics, "action_loss": action_loss.mean(), **head.metrics(outputs.detach(), actions)}
         loss = action_loss if reduction == "none" else action_loss.mean()
-        return loss + extra_loss, metrics
+        return loss + extra_loss, _numbers(metrics)
 
     @property
     def episode_store(self) -> EpisodeStore:
@@ -243,6 +242,12 @@ def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") ->
     if config.language_encoder == WORDS and not config.vocabulary:
         config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
         logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))
+
+
+def _numbers(metrics: Metrics) -> dict[str, float]:
+    """Scalars as numbers: one wait for the device, not one for each."""
+    values = torch.stack([value.detach().float() for value in metrics.values()]).tolist()
+    return dict(zip(metrics, values, strict=True))
 
 
 def _unit_range(stored: Tensor, feature: PolicyFeature | None) -> Tensor:

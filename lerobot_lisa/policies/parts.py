@@ -4,7 +4,7 @@ from typing import Any
 
 import torch
 from lerobot.configs import FeatureType
-from torch import Tensor
+from torch import Tensor, nn
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
@@ -66,6 +66,11 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
         model = AutoModel.from_config(AutoConfig.for_model(noted.pop("model_type"), **noted))
     encoder = PretrainedEncoder(model, config.freeze_language_encoder)
     return LanguageEncoder(encoder, config.width)
+
+
+def parameter_group(name: str, modules: list[nn.Module], rate: float) -> dict[str, Any]:
+    """What the optimiser gets for modules that learn at the same rate."""
+    return {"name": name, "params": list(nn.ModuleList(modules).parameters()), "lr": rate}
 
 
 def _download(factory: Any, name: str) -> Any:

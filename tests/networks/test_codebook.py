@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tiny_networks import codebook
 from torch import Tensor
 
-from lerobot_lisa.networks.codebook import Codebook, mutual_information, perplexity
+from lerobot_lisa.networks.codebook import Codebook, codes_used, mutual_information, perplexity
 
 SIZE, WIDTH = 6, 16
 
@@ -219,6 +219,7 @@ def test_mutual_information_is_finite_at_any_distance(far: float, rows: int) -> 
 @given(st.lists(st.integers(0, SIZE - 1), min_size=1, max_size=40))
 def test_perplexity_counts_codes_in_use(codes: list[int]) -> None:
     value = perplexity(torch.tensor(codes), SIZE).item()
+    assert codes_used(torch.tensor(codes, dtype=torch.int64), SIZE) == len(set(codes))
 
     assert 1 - 1e-5 <= value <= len(set(codes)) + 1e-4
 

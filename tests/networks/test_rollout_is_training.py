@@ -15,6 +15,7 @@ from lerobot_lisa.networks.transformer import Memory
 HORIZON = 3
 NETWORKS = {
     "lisa": lisa(HORIZON),
+    "lisa_shared_encoder": lisa(HORIZON, shared=True),
     "lisa_continuous": lisa(HORIZON, categorical=False),
     "lisa_windowed": lisa(HORIZON, window=5),
     "lisa_deep": lisa(HORIZON, window=5, layers=2),

@@ -93,11 +93,12 @@ def test_a_plan_is_what_the_policy_was_trained_for(plan: SkillPlan, steps: int) 
     frames = {key: value.flatten(0, 1) for key, value in observations.items()}
     prefix = NETWORK.skill_embedding(NETWORK.codebook.embed(codes[:, begins].flatten()))[:, None]
     chunks = Packing(lengths.repeat(2))
-    expected = NETWORK.policy(prefix, None, frames, actions.flatten(0, 1), chunks)
+    expected = NETWORK.policy(prefix, None, NETWORK.observations(frames), actions.flatten(0, 1), chunks)
     torch.testing.assert_close(outputs.flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
 
     language = NETWORK.language(words.tokens, words.valid)
-    asked = NETWORK.predictor(language, words.valid, frames, Packing(torch.tensor([steps] * 2)), 1)
+    seen = NETWORK.predictor_observations(frames)
+    asked = NETWORK.predictor(language, words.valid, seen, Packing(torch.tensor([steps] * 2)), 1)
     assert torch.equal(predicted[:, begins], NETWORK.codebook(asked).codes.unflatten(0, (2, steps))[:, begins])
     planned = torch.tensor([-1 if plan.at(step)[0] is None else plan.at(step)[0] for step in range(steps)])
     assert torch.equal(codes, torch.where(planned < 0, predicted, planned))

@@ -63,18 +63,20 @@ def batch(lengths: list[int], categorical: bool = True, seed: int = 0) -> Batch:
     )
 
 
-def lisa(horizon: int = 3, window: int = 100, categorical: bool = True, layers: int = 1) -> Lisa:
+def lisa(horizon: int = 3, window: int = 100, categorical: bool = True, layers: int = 1, shared: bool = False) -> Lisa:
     """LISA without dropout, in evaluation mode, with a codebook that has seen data."""
     torch.manual_seed(1)
     transformer = CausalTransformer(WIDTH, layers, HEADS, 0.0, window=window)
-    predictor = SkillPredictor(ObservationEncoder(SPECS, WIDTH), TimestepEmbedding(window, WIDTH), transformer, WIDTH)
+    predictor = SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH)
     network = Lisa(
         LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH),
+        ObservationEncoder(SPECS, WIDTH),
         predictor,
         codebook(),
         nn.Linear(WIDTH, WIDTH),
         _policy(categorical, TimestepEmbedding(horizon, WIDTH), CausalTransformer(WIDTH, layers, HEADS, 0.0)),
         horizon,
+        None if shared else ObservationEncoder(SPECS, WIDTH),
     )
     warm_up = batch([4 * horizon + 1] * 8, categorical, seed=99)
     run(network, warm_up)
@@ -86,7 +88,8 @@ def lang_dt(window: int = 100, categorical: bool = True, layers: int = 2, waste:
     torch.manual_seed(1)
     transformer = CausalTransformer(WIDTH, layers, HEADS, 0.0, window=2 * window)
     policy = _policy(categorical, TimestepEmbedding(window, WIDTH), transformer)
-    return LangDT(LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH), policy, waste).eval()
+    language = LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH)
+    return LangDT(language, ObservationEncoder(SPECS, WIDTH), policy, waste).eval()
 
 
 def codebook(size: int = CODES, width: int = WIDTH, decay: float = 0.99, dead_code_threshold: float = 1.0) -> Codebook:
@@ -113,4 +116,4 @@ def _policy(categorical: bool, timesteps: TimestepEmbedding, transformer: Causal
         if categorical
         else MeanHead(WIDTH, torch.ones(2), torch.tensor([[-1.0] * 2, [1.0] * 2]))
     )
-    return ActionPredictor(ObservationEncoder(SPECS, WIDTH), timesteps, transformer, head)
+    return ActionPredictor(timesteps, transformer, head)

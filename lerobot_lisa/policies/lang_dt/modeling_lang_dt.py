@@ -11,7 +11,12 @@ from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
 from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
-from lerobot_lisa.policies.parts import make_action_head, make_language_encoder, make_observation_encoder
+from lerobot_lisa.policies.parts import (
+    make_action_head,
+    make_language_encoder,
+    make_observation_encoder,
+    parameter_group,
+)
 
 
 class LangDTPolicy(EpisodePolicy):
@@ -26,21 +31,20 @@ class LangDTPolicy(EpisodePolicy):
         """One causal transformer that looks back over as many steps as the longest training episode has."""
         config, steps = self.config, self.config.max_timesteps or 1
         policy = ActionPredictor(
-            make_observation_encoder(config),
             TimestepEmbedding(steps, config.width),
             # Two tokens a step: observation and action.
             CausalTransformer(config.width, config.layers, config.heads, config.dropout, window=2 * steps),
             make_action_head(config, action_bounds),
         )
-        return LangDT(make_language_encoder(config), policy, config.padding_waste)
+        return LangDT(make_language_encoder(config), make_observation_encoder(config), policy, config.padding_waste)
 
     def get_optim_params(self) -> list[dict[str, Any]]:
         """One group per learning rate of the paper: policy and language encoder."""
-        language = list(self.network.language.encoder.parameters())
-        policy = [*self.network.policy.parameters(), *self.network.language.output.parameters()]
+        network = self.network
+        policy = [network.observations, network.policy, network.language.output]
         return [
-            {"name": "policy", "params": policy, "lr": self.config.optimizer_lr},
-            {"name": "language_encoder", "params": language, "lr": self.config.language_rate},
+            parameter_group("policy", policy, self.config.optimizer_lr),
+            parameter_group("language_encoder", [network.language.encoder], self.config.language_rate),
         ]
 
     def predict(

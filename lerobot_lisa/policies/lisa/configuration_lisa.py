@@ -17,6 +17,8 @@ class LisaConfig(EpisodePolicyConfig):
         predictor_layers: Transformer blocks of the skill predictor f.
         policy_layers: Transformer blocks of the policy pi.
         horizon: H, steps that one skill code lasts.
+        shared_observation_encoder: Skill predictor and policy see with the same encoder, at half the cost. The paper
+            does not say; with an encoder each, LISA has more parameters than Lang-DT.
         codebook_size: K, number of skill codes.
         code_width: Numbers per code.
         codebook_decay: Of the moving averages that are the codes.
@@ -31,6 +33,7 @@ class LisaConfig(EpisodePolicyConfig):
     predictor_layers: int = 1
     policy_layers: int = 1
     horizon: int = 10
+    shared_observation_encoder: bool = False
     codebook_size: int = 20
     code_width: int = 16
     codebook_decay: float = 0.99

@@ -5,7 +5,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
-from lerobot_lisa.networks.codebook import Codebook, mutual_information, perplexity
+from lerobot_lisa.networks.codebook import Codebook, codes_used, mutual_information, perplexity
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.skill_plan import SkillPlan, read_plan
@@ -14,7 +14,12 @@ from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
 from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
-from lerobot_lisa.policies.parts import make_action_head, make_language_encoder, make_observation_encoder
+from lerobot_lisa.policies.parts import (
+    make_action_head,
+    make_language_encoder,
+    make_observation_encoder,
+    parameter_group,
+)
 
 
 class LisaPolicy(EpisodePolicy):
@@ -35,6 +40,7 @@ class LisaPolicy(EpisodePolicy):
         config = self.config
         return Lisa(
             language=make_language_encoder(config),
+            observations=make_observation_encoder(config),
             predictor=make_skill_predictor(config),
             codebook=Codebook(
                 config.width,
@@ -47,22 +53,20 @@ class LisaPolicy(EpisodePolicy):
             skill_embedding=nn.Linear(config.width, config.width),
             policy=make_policy(config, action_bounds),
             horizon=config.horizon,
+            predictor_observations=None if config.shared_observation_encoder else make_observation_encoder(config),
         )
 
     def get_optim_params(self) -> list[dict[str, Any]]:
         """One group per learning rate of the paper: policy, skill predictor with codebook, language encoder."""
         network, config = self.network, self.config
-        language = list(network.language.encoder.parameters())
-        predictor = [
-            *network.predictor.parameters(),
-            *network.codebook.parameters(),
-            *network.language.output.parameters(),
-        ]
-        policy = [*network.skill_embedding.parameters(), *network.policy.parameters()]
+        policy = [network.observations, network.skill_embedding, network.policy]
+        predictor = [network.predictor, network.codebook, network.language.output]
+        if network.predictor_observations:
+            predictor.append(network.predictor_observations)
         return [
-            {"name": "policy", "params": policy, "lr": config.optimizer_lr},
-            {"name": "skill_predictor", "params": predictor, "lr": config.optimizer_lr_skill_predictor},
-            {"name": "language_encoder", "params": language, "lr": config.language_rate},
+            parameter_group("policy", policy, config.optimizer_lr),
+            parameter_group("skill_predictor", predictor, config.optimizer_lr_skill_predictor),
+            parameter_group("language_encoder", [network.language.encoder], config.language_rate),
         ]
 
     def predict(
@@ -71,10 +75,10 @@ class LisaPolicy(EpisodePolicy):
         """Predictions, commitment loss and what the codebook does."""
         outputs, skills = self.network(tokens, tokens_valid, frames, actions, packing)
         metrics = {
-            "commitment_loss": skills.commitment.item(),
-            "perplexity": perplexity(skills.codes, self.config.codebook_size).item(),
-            "codes_used": float(len(skills.codes.unique())),
-            "mutual_information": mutual_information(skills.distances).item(),
+            "commitment_loss": skills.commitment,
+            "perplexity": perplexity(skills.codes, self.config.codebook_size),
+            "codes_used": codes_used(skills.codes, self.config.codebook_size),
+            "mutual_information": mutual_information(skills.distances),
         }
         return outputs, skills.commitment, metrics
 
@@ -109,7 +113,6 @@ def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
     """f: looks back over as many steps as the longest training episode has."""
     steps = config.max_timesteps or 1
     return SkillPredictor(
-        make_observation_encoder(config),
         TimestepEmbedding(steps, config.width),
         CausalTransformer(config.width, config.predictor_layers, config.heads, config.dropout, window=steps),
         config.width,
@@ -119,7 +122,6 @@ def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
 def make_policy(config: LisaConfig, action_bounds: Tensor) -> ActionPredictor:
     """pi: sees one chunk, and knows where in the chunk it is but not where in the episode."""
     return ActionPredictor(
-        make_observation_encoder(config),
         TimestepEmbedding(config.horizon, config.width),
         CausalTransformer(config.width, config.policy_layers, config.heads, config.dropout),
         make_action_head(config, action_bounds),
