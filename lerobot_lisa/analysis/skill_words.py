@@ -58,6 +58,8 @@ def load(policy_path: str, dataset: "LeRobotDataset") -> tuple["LisaPolicy", Any
         raise UserError(f"--policy-path {policy_path}: no checkpoint (a folder with config.json) there") from error
     if config.type != "lisa":
         raise UserError(f"--policy-path {policy_path} is a {config.type} policy: only lisa has skill codes")
+    if config.continuous_skills:
+        raise UserError(f"--policy-path {policy_path} has continuous skills: there are no skill codes")
     for key, feature in {**config.input_features, **config.output_features}.items():
         found = tuple(dataset.meta.features.get(key, {}).get("shape", ()))
         if sorted(found) != sorted(feature.shape):  # images have channels last in a dataset, first in a policy

@@ -1,5 +1,6 @@
 """The vector quantiser that turns the skill predictor's output into one of K skill codes, and its statistics."""
 
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import torch
@@ -8,22 +9,51 @@ from vector_quantize_pytorch import VectorQuantize
 
 
 class Quantized(NamedTuple):
-    """Skill codes of N embeddings.
+    """Skills of N embeddings.
 
     Attributes:
         embeddings: (N, D), what the policy is conditioned on; gradients pass straight through to the input.
-        codes: (N,) indices into the codebook.
+        codes: (N,) indices into the codebook; None without one.
         commitment: Scalar, mean squared distance between inputs and their codes, times the commitment weight.
-        distances: (N, K) squared distances between projected inputs and codes, without gradient.
+        distances: (N, K) squared distances between projected inputs and codes, without gradient; None without codes.
     """
 
     embeddings: Tensor
-    codes: Tensor
+    codes: Tensor | None
     commitment: Tensor
-    distances: Tensor
+    distances: Tensor | None
 
 
-class Codebook(nn.Module):
+class Skills(nn.Module, ABC):
+    """What stands between the skill predictor and the policy."""
+
+    @abstractmethod
+    def forward(self, embeddings: Tensor) -> Quantized:
+        """Skills of embeddings (N, D)."""
+
+    @abstractmethod
+    def embed(self, codes: Tensor) -> Tensor:
+        """Embeddings (N, D) of codes (N,)."""
+
+
+class ContinuousSkills(Skills):
+    """The paper's ablation "continuous codes" (section 4.6): as narrow as a code, but any numbers at all."""
+
+    def __init__(self, width: int, code_width: int) -> None:
+        super().__init__()
+        self.narrow = nn.Sequential(nn.Linear(width, code_width), nn.LayerNorm(code_width))
+        self.widen = nn.Linear(code_width, width)
+
+    def forward(self, embeddings: Tensor) -> Quantized:
+        """Through `code_width` numbers and back, (N, D) -> (N, D)."""
+        return Quantized(self.widen(self.narrow(embeddings)), None, embeddings.new_zeros(()), None)
+
+    def embed(self, codes: Tensor) -> Tensor:
+        """There is no code to choose."""
+        raise RuntimeError("continuous skills have no codes")
+
+
+class Codebook(Skills):
     """K codes of `code_width` numbers, learned as moving averages of the embeddings they stand for.
 
     Paper, section 3.2: nearest code, exponential moving average (van den Oord et al., 2017), straight-through gradient.

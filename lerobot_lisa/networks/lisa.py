@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead
-from lerobot_lisa.networks.codebook import Codebook, Quantized
+from lerobot_lisa.networks.codebook import Quantized, Skills
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
@@ -26,7 +26,7 @@ class LisaHistory(History):
         predictor: What the skill predictor remembers: the instruction and the observations up to the last question.
         unseen: Observations since the last question, which the skill predictor has not been shown yet.
         policy: What the policy remembers of the current chunk.
-        codes: (B,) skill codes of the current chunk.
+        codes: (B,) skill codes of the current chunk; None if skills are continuous.
         predicted: (B,) what the skill predictor chose for it; something else than `codes` where a plan overrides it.
         plan: Whose codes are followed; set before the first step.
     """
@@ -46,7 +46,7 @@ class Lisa(EpisodeNetwork):
         language: Instructions to tokens.
         observations: What the policy sees with.
         predictor: f, chooses embeddings.
-        codebook: Turns embeddings into skill codes.
+        codebook: Turns embeddings into skill codes, or lets continuous ones through.
         skill_embedding: Skill codes to tokens of the policy.
         policy: pi, chooses actions.
         horizon: H.
@@ -58,7 +58,7 @@ class Lisa(EpisodeNetwork):
         language: LanguageEncoder,
         observations: ObservationEncoder,
         predictor: SkillPredictor,
-        codebook: Codebook,
+        codebook: Skills,
         skill_embedding: nn.Linear,
         policy: ActionPredictor,
         horizon: int,
@@ -127,6 +127,6 @@ class Lisa(EpisodeNetwork):
         history.codes = history.predicted = skills.codes
         embeddings = skills.embeddings
         if planned is not None:
-            history.codes = torch.full_like(skills.codes, planned)
+            history.codes = torch.full(skills.embeddings.shape[:1], planned, device=skills.embeddings.device)
             embeddings = self.codebook.embed(history.codes)
         history.policy = self.policy.begin(self.skill_embedding(embeddings)[:, None])

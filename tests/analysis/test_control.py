@@ -169,6 +169,27 @@ def test_only_lisa_has_codes(
     assert "is a lang_dt policy: only lisa policies have skill codes" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--skill=1", "has continuous skills: there are no skill codes"),
+        ("--skill=all", "has continuous skills: there are no skill codes"),
+        ("--policy.skill_plan=1*2", "skill plan '1*2': this policy's skills are continuous"),
+    ],
+)
+def test_continuous_skills_cannot_be_chosen(
+    option: str,
+    said: str,
+    continuous_skills: Path,
+    output: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert rollout(monkeypatch, continuous_skills, output, option) == 1
+
+    assert said in capsys.readouterr().err
+
+
 def test_lang_dt_can_be_filmed(lang_dt: Path, output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert rollout(monkeypatch, lang_dt, output, "--n_videos=1", "--n_episodes=1") == 0
 

@@ -84,6 +84,14 @@ def test_flat_policies_get_the_success_part(
     assert "Success: " in capsys.readouterr().out
 
 
+def test_continuous_skills_get_the_success_part(
+    continuous_skills: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, continuous_skills, tmp_path / "out") == 0
+    assert "skills are continuous" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert not list((tmp_path / "out" / "figures").glob("skill*"))
+
+
 def refused(output: str) -> str:
     *_, last = output.splitlines()
     assert last.startswith("error: ")

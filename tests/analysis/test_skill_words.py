@@ -72,11 +72,13 @@ def test_the_figure_is_the_same_each_time(tmp_path: Path) -> None:
 
 
 def test_checkpoints_and_data_that_do_not_fit_are_refused(
-    lisa: Path, lang_dt: Path, symbolic: Path, continuous: Path, tmp_path: Path
+    lisa: Path, lang_dt: Path, continuous_skills: Path, symbolic: Path, continuous: Path, tmp_path: Path
 ) -> None:
     dataset = LeRobotDataset("local/tiny", root=symbolic)
     with pytest.raises(UserError, match="is a lang_dt policy: only lisa has skill codes"):
         load(str(lang_dt), dataset)
+    with pytest.raises(UserError, match="has continuous skills: there are no skill codes"):
+        load(str(continuous_skills), dataset)
     with pytest.raises(UserError, match="no checkpoint"):
         load(str(tmp_path / "absent"), dataset)
     with pytest.raises(UserError, match=r"reads `observation\.grid` \(147,\): .* lacks it"):

@@ -71,7 +71,8 @@ def assert_rollout_is_training(made: Training, steps: int) -> None:
     torch.testing.assert_close(torch.stack(outputs, 1).flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
     if codes[0] is not None:
         language = policy.network.language(tokens, valid)
-        said = policy.network.predictor(language, valid, frames, packing, HORIZON)
+        seen = (policy.network.predictor_observations or policy.network.observations)(frames)
+        said = policy.network.predictor(language, valid, seen, packing, HORIZON)
         assert torch.equal(torch.stack(codes[::HORIZON], 1).flatten(), policy.network.codebook(said).codes)
 
 
@@ -90,6 +91,13 @@ def test_other_action_heads(kind: str, head: str, continuous: Path) -> None:
     made = training(kind, continuous, normalization_mapping=NORMALISED, action_head=head).warm_up()
 
     assert_rollout_is_training(made, steps=2 * HORIZON)
+
+
+@pytest.mark.parametrize("setting", ["shared_observation_encoder", "continuous_skills"])
+def test_other_kinds_of_lisa(setting: str, pictures: Path) -> None:
+    made = training("lisa", pictures, **{setting: True}).warm_up()
+
+    assert_rollout_is_training(made, steps=4 * HORIZON + 2)
 
 
 @BOTH

@@ -12,9 +12,11 @@ def lisa_config(config: EvaluationConfig) -> LisaConfig:
     """The checkpoint's configuration.
 
     Raises:
-        UserError: It is no LISA policy, so there are no skill codes.
+        UserError: It is no LISA policy or one with continuous skills, so there are no skill codes.
     """
     if isinstance(config.policy, LisaConfig):
+        if config.policy.continuous_skills:
+            raise UserError(f"--policy.path={config.checkpoint} has continuous skills: there are no skill codes")
         return config.policy
     kind = config.policy.type if config.policy else "no"
     raise UserError(f"--policy.path={config.checkpoint} is a {kind} policy: only lisa policies have skill codes")

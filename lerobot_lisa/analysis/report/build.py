@@ -41,7 +41,7 @@ def build(
     drawn = pictures(contents.success_plots(trace, data), folder / FIGURES, with_tables=True)
     sections = [Section("success", "Success", data.note, drawn)]
     if skills is None:
-        sections.append(Section("skills", "Skills", contents.NO_SKILLS, []))
+        sections.append(Section("skills", "Skills", contents.NO_SKILLS[trace.facts["policy"]["type"]], []))
     else:
         sections += _about_skills(folder / FIGURES, trace, skills, data, examples, permutations, font)
     numbers = contents.key_numbers(trace, skills)

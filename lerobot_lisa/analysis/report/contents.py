@@ -30,7 +30,10 @@ from lerobot_lisa.analysis.statistics.words import top_words, word_table
 NOTABLE = 1.05  # times as frequent as usual: what rounds to more than usual
 FIRST, ALL = "words, first code", "words, all codes"
 NAMES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
-NO_SKILLS = "Lang-DT is flat: it acts on instructions and observations without skill codes, so there are none to show."
+NO_SKILLS = {
+    "lisa": "This policy's skills are continuous, numbers of which no two are the same: there are no codes to show.",
+    "lang_dt": "Lang-DT is flat: it acts on instructions and observations without skill codes: there are none to show.",
+}
 INFORMATION = (
     "Mutual information is how many bits about the code one learns from the language. Counted from few episodes it is "
     "never 0, so each number stands beside what the same count gives when instructions are dealt to other episodes. An "

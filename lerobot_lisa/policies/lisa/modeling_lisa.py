@@ -4,8 +4,17 @@ from typing import Any
 
 from torch import Tensor, nn
 
+from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.action_predictor import ActionPredictor
-from lerobot_lisa.networks.codebook import Codebook, codes_used, mutual_information, perplexity
+from lerobot_lisa.networks.codebook import (
+    Codebook,
+    ContinuousSkills,
+    Quantized,
+    Skills,
+    codes_used,
+    mutual_information,
+    perplexity,
+)
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.skill_plan import SkillPlan, read_plan
@@ -42,14 +51,7 @@ class LisaPolicy(EpisodePolicy):
             language=make_language_encoder(config),
             observations=make_observation_encoder(config),
             predictor=make_skill_predictor(config),
-            codebook=Codebook(
-                config.width,
-                config.codebook_size,
-                config.code_width,
-                config.codebook_decay,
-                config.commitment_weight,
-                config.dead_code_threshold,
-            ),
+            codebook=make_skills(config),
             skill_embedding=nn.Linear(config.width, config.width),
             policy=make_policy(config, action_bounds),
             horizon=config.horizon,
@@ -74,13 +76,7 @@ class LisaPolicy(EpisodePolicy):
     ) -> tuple[Tensor, Tensor, Metrics]:
         """Predictions, commitment loss and what the codebook does."""
         outputs, skills = self.network(tokens, tokens_valid, frames, actions, packing)
-        metrics = {
-            "commitment_loss": skills.commitment,
-            "perplexity": perplexity(skills.codes, self.config.codebook_size),
-            "codes_used": codes_used(skills.codes, self.config.codebook_size),
-            "mutual_information": mutual_information(skills.distances),
-        }
-        return outputs, skills.commitment, metrics
+        return outputs, skills.commitment, _describe(skills, self.config.codebook_size)
 
     def follow(self, plan: str | None) -> None:
         """Steer rollouts from the next one on: LeRobot's own evaluation then runs the plan, in every environment.
@@ -91,6 +87,8 @@ class LisaPolicy(EpisodePolicy):
         Raises:
             UserError: It is no plan, or there is no such code.
         """
+        if plan is not None and self.config.continuous_skills:
+            raise UserError(f"skill plan {plan!r}: this policy's skills are continuous, so there is no code to follow")
         self._plan = SkillPlan() if plan is None else read_plan(plan, self.config.codebook_size)
         self.config.skill_plan = plan
 
@@ -100,13 +98,39 @@ class LisaPolicy(EpisodePolicy):
 
     @property
     def skill_codes(self) -> Tensor | None:
-        """Skill codes (B,) that the current rollout follows; None before its first step."""
+        """Skill codes (B,) that the current rollout follows; None before its first step and for continuous skills."""
         return None if self._history is None else self._history.codes
 
     @property
     def predicted_codes(self) -> Tensor | None:
         """Skill codes (B,) that the skill predictor chose when a code was last due, followed or not."""
         return None if self._history is None else self._history.predicted
+
+
+def _describe(skills: Quantized, size: int) -> Metrics:
+    """What the codebook does, for the training log."""
+    if skills.codes is None or skills.distances is None:
+        return {}
+    return {
+        "commitment_loss": skills.commitment,
+        "perplexity": perplexity(skills.codes, size),
+        "codes_used": codes_used(skills.codes, size),
+        "mutual_information": mutual_information(skills.distances),
+    }
+
+
+def make_skills(config: LisaConfig) -> Skills:
+    """The codebook, or nothing but a narrow passage."""
+    if config.continuous_skills:
+        return ContinuousSkills(config.width, config.code_width)
+    return Codebook(
+        config.width,
+        config.codebook_size,
+        config.code_width,
+        config.codebook_decay,
+        config.commitment_weight,
+        config.dead_code_threshold,
+    )
 
 
 def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
