@@ -30,6 +30,8 @@ PARTS = {
     "windows": "windows and whole episodes from the episode store",
     "train": "lerobot-train against a bare loop, and how long it waits for data",
     "model": "a training step against a padded implementation of the paper",
+    "images": "the image encoder against the obvious one",
+    "compiled": "a training step with and without torch.compile",
     "act": "select_action late in an episode",
     "evaluate": "100 episodes in a batch",
     "bot": "demonstrations",
