@@ -37,7 +37,7 @@ def test_a_report_is_a_page_figures_and_a_trace(made: Path) -> None:
     assert {path.name for path in made.iterdir()} == {"report.html", "figures", "trace"}
     assert {STEPS_FILE, EPISODES_FILE, "frames.parquet"} <= {path.name for path in (made / "trace").iterdir()}
     page = (made / "report.html").read_text(encoding="utf-8")
-    assert "<h1>LISA on GoToLocal</h1>" in page
+    assert "<h1>LISA on BabyAI GoToLocal</h1>" in page
     assert "3 episodes with seeds 1000 to 1002" in page
     assert "5 different instructions." in page  # of the training data
     assert (made / "figures" / "success_seen_and_unseen_instructions.csv").is_file()

@@ -30,6 +30,7 @@ from lerobot_lisa.analysis.statistics.words import top_words, word_table
 NOTABLE = 1.05  # times as frequent as usual: what rounds to more than usual
 FIRST, ALL = "words, first code", "words, all codes"
 NAMES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
+WORLDS = {"babyai": "BabyAI", "lorel": "LOReL"}
 NO_SKILLS = {
     "lisa": "This policy's skills are continuous, numbers of which no two are the same: there are no codes to show.",
     "lang_dt": "Lang-DT is flat: it acts on instructions and observations without skill codes: there are none to show.",
@@ -98,7 +99,8 @@ def sample(trace: Trace) -> str:
 
 def title(trace: Trace) -> str:
     """Of the page."""
-    return f"{NAMES[trace.facts['policy']['type']]} on {task(trace)}"
+    world = WORLDS.get(trace.facts["env"]["type"], "")
+    return f"{NAMES[trace.facts['policy']['type']]} on {world} {task(trace)}".replace("  ", " ")
 
 
 def subtitle(trace: Trace) -> str:
