@@ -31,20 +31,24 @@ _LISTED = 10  # episodes of each task that are printed
 
 @dataclass
 class RolloutConfig(EvaluationConfig):
-    """What to run, and which skill codes to follow.
-
-    Attributes:
-        skill: A skill code for the whole episode, or "all" for a matrix of every task under every code, without videos.
-        plan: Skill codes and steps such as "14*20,2*20"; `?` leaves the choice to the skill predictor, as in
-            "?*10,14*10", and so does the end of the plan. Steps need not be multiples of the horizon.
-        n_videos: Episodes of each task that are filmed, the first ones.
-    """
+    """What to run, and which skill codes to follow."""
 
     n_episodes: int = 10
+    """Episodes of each task."""
+
     output_dir: Path = field(default_factory=lambda: Path("outputs/rollout"))
+    """Where videos and the trace go; an equal evaluation found there is used."""
+
     skill: str | None = None
+    """A skill code for the whole episode, or "all" for a matrix of every task under every code, without videos."""
+
     plan: str | None = None
+    """Skill codes and steps such as "14*20,2*20"; `?` leaves the choice to the skill predictor, as in "?*10,14*10",
+    and so does the end of the plan. Steps need not be multiples of the horizon.
+    """
+
     n_videos: int = 4
+    """Episodes of each task that are filmed, the first ones."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""

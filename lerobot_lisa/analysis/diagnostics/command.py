@@ -21,14 +21,13 @@ from lerobot_lisa.errors import exit_code
 
 @dataclass
 class DiagnosisConfig(EvaluationConfig):
-    """What to run; options are those of `lerobot-eval`.
-
-    Attributes:
-        output_dir: For the numbers as CSV, and the traces; what an equal earlier run has done is used.
-    """
+    """What to run; options are those of `lerobot-eval`."""
 
     n_episodes: int = 20
+    """Episodes of each task."""
+
     output_dir: Path = field(default_factory=lambda: Path("outputs/diagnosis"))
+    """For the numbers as CSV, and the traces; what an equal earlier run has done is used."""
 
 
 def main() -> int:

@@ -22,25 +22,28 @@ if TYPE_CHECKING:
 
 @dataclass
 class EvaluationConfig:
-    """What to evaluate; options are called as in `lerobot-eval`, with all of `--policy.*` and `--env.*`.
-
-    Attributes:
-        env: Environment.
-        policy: Checkpoint, from `--policy.path`, with overrides.
-        n_episodes: For each task.
-        batch_size: Environments side by side. Drawn actions depend on it, as in `lerobot-eval`.
-        use_async_envs: Whether each environment gets a process of its own.
-        seed: Of the first episode; the others count up.
-        output_dir: Where everything goes; an evaluation found there is used, or gone on with, if it is the same.
-    """
+    """What to evaluate; options are called as in `lerobot-eval`, with all of `--policy.*` and `--env.*`."""
 
     env: EnvConfig
+    """Environment, by `--env.type` and what belongs to it."""
+
     policy: PreTrainedConfig | None = None
+    """Checkpoint, from `--policy.path`, with overrides."""
+
     n_episodes: int = 50
+    """Episodes of each task."""
+
     batch_size: int = 50
+    """Environments side by side. Drawn actions depend on it, as in `lerobot-eval`."""
+
     use_async_envs: bool = False
+    """Whether each environment gets a process of its own."""
+
     seed: int = 1000
+    """Seed of each task's first episode; the others count up."""
+
     output_dir: Path = field(default_factory=lambda: Path("outputs/report"))
+    """Where everything goes; an evaluation found there is used, or gone on with, if it is the same."""
 
     def __post_init__(self) -> None:
         """Read the checkpoint's configuration, as `lerobot-eval` does, and refuse what cannot work."""

@@ -28,30 +28,27 @@ TRACE = "trace"
 
 @dataclass
 class DatasetOptions:
-    """The training data.
-
-    Attributes:
-        root: Their folder, if they are no longer where the checkpoint's `train_config.json` says.
-    """
+    """The training data."""
 
     root: Path | None = None
+    """Their folder, if they are no longer where the checkpoint's `train_config.json` says."""
 
 
 @dataclass
 class ReportConfig(EvaluationConfig):
-    """What to evaluate and how to report it.
-
-    Attributes:
-        dataset: Tells which instructions were seen in training.
-        examples: Strips of frames for each skill, 0 for none.
-        permutations: Of instructions, to see what chance gives.
-        font: TrueType file for word clouds, for scripts that DejaVu Sans has not.
-    """
+    """What to evaluate and how to report it."""
 
     dataset: DatasetOptions = field(default_factory=DatasetOptions)
+    """The training data, which tell which instructions were seen."""
+
     examples: int = 2
+    """Strips of frames for each skill, 0 for none."""
+
     permutations: int = PERMUTATIONS
+    """How often instructions are dealt to other episodes, to see what chance gives."""
+
     font: Path | None = None
+    """TrueType file for word clouds, for scripts that DejaVu Sans lacks."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""

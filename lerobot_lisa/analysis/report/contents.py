@@ -99,8 +99,8 @@ def sample(trace: Trace) -> str:
 
 def title(trace: Trace) -> str:
     """Of the page."""
-    world = WORLDS.get(trace.facts["env"]["type"], "")
-    return f"{NAMES[trace.facts['policy']['type']]} on {world} {task(trace)}".replace("  ", " ")
+    policy, world = trace.facts["policy"]["type"], trace.facts["env"]["type"]
+    return f"{NAMES[policy]} on {WORLDS.get(world, world)} {task(trace)}"
 
 
 def subtitle(trace: Trace) -> str:
