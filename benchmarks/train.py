@@ -5,7 +5,9 @@ import logging
 import re
 import statistics
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.train import TrainPipelineConfig
@@ -93,10 +95,10 @@ class _Clock:
         self.waiting: list[float] = []
         self._last = Seconds.now()
 
-    def note(self, make):
+    def note(self, make: Callable[..., logging.LogRecord]) -> Callable[..., logging.LogRecord]:
         """A maker of log records that also looks at them."""
 
-        def record(*arguments, **keywords):
+        def record(*arguments: Any, **keywords: Any) -> logging.LogRecord:
             made = make(*arguments, **keywords)
             found = LOG_LINE.search(made.getMessage())
             if found:
