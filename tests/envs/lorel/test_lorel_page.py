@@ -26,8 +26,13 @@ def test_first_snippet_prints_its_comments() -> None:
 
 def test_measuring_snippet_runs() -> None:
     drawing.needs_gl()
-    quick = re.sub(r"\b(50|1000|10)\)", "1)", SNIPPETS[1])
+    quick = re.sub(r"\b(50|1000|10)\)", "1)", SNIPPETS[2])
     assert len(printed(quick)) == 7
+
+
+def test_snippet_about_the_faucet_prints_what_the_page_says() -> None:
+    straight, detour, *_ = printed(SNIPPETS[1].replace("starts = 200", "starts = 5"))
+    assert (straight, detour) == ("straight 0 of 5", "detour 5 of 5")
 
 
 def test_table_of_compositions() -> None:
