@@ -1,5 +1,7 @@
 """Heads for real-valued actions: the mean (the paper's), independent bins, or a mixture of Gaussians."""
 
+from abc import abstractmethod
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -34,9 +36,18 @@ class RealHead(ActionHead):
         """Mean absolute error of the most probable action over the dimensions that count."""
         return {"action_error": self._average((self.most_probable(outputs) - actions).abs()).mean()}
 
+    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Actions (N, A); dimensions that the environment ignores, about which nothing is learned, stay still."""
+        still = self._within_bounds(torch.zeros_like(self.weights))
+        return torch.where(self.weights > 0, self.draw(outputs, generator), still)
+
+    @abstractmethod
+    def draw(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
+        """Actions (N, A), with arbitrary numbers in ignored dimensions."""
+
+    @abstractmethod
     def most_probable(self, outputs: Tensor) -> Tensor:
         """The action (N, A) that nothing random enters."""
-        raise NotImplementedError
 
     def _average(self, values: Tensor) -> Tensor:
         """Weighted mean over the action's dimensions: (N, A) -> (N,)."""
@@ -69,7 +80,7 @@ class MeanHead(RealHead):
         """The mean, (N, A)."""
         return outputs
 
-    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def draw(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
         """The mean (N, A), amplified."""
         return outputs if self.amplification == 1 else self._within_bounds(outputs * self.amplification)
 
@@ -105,7 +116,7 @@ class BinsHead(RealHead):
         """Centres (N, A) of the most probable bins."""
         return self._centres(outputs.argmax(-1))
 
-    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def draw(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
         """Centres (N, A) of bins, each dimension for itself."""
         if self.temperature == 0:
             return self.most_probable(outputs)
@@ -152,7 +163,7 @@ class MixtureHead(RealHead):
         logits, mean, _ = self._split(outputs)
         return mean[torch.arange(len(mean), device=mean.device), logits.argmax(-1)]
 
-    def pick(self, outputs: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def draw(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
         """Actions (N, A) within the bounds."""
         if self.temperature == 0:
             return self._within_bounds(self.most_probable(outputs))

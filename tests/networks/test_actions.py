@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lerobot_lisa.networks.actions import CategoricalHead
-from lerobot_lisa.networks.real_actions import MeanHead
+from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead, RealHead
 
 LOGITS = torch.tensor([[2.0, 0.0, 0.0], [0.0, 1.0, 5.0]])
 
@@ -66,3 +66,24 @@ def test_ignored_dimensions_enter_neither_loss_nor_input() -> None:
     torch.testing.assert_close(head.metrics(outputs, noisy), head.metrics(outputs, actions))
     head.loss(outputs, noisy).sum().backward()
     assert torch.equal(outputs.grad[:, 1], torch.zeros(4))
+
+
+HEADS = {
+    "mean": lambda weights, bounds: MeanHead(8, weights, bounds),
+    "amplified": lambda weights, bounds: MeanHead(8, weights, bounds, amplification=1000),
+    "bins": lambda weights, bounds: BinsHead(8, weights, bounds, 5, temperature=1.0),
+    "mixture": lambda weights, bounds: MixtureHead(8, weights, bounds, 2, temperature=1.0),
+}
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_ignored_dimensions_stay_still(name: str) -> None:
+    """Nothing is learned about them, so whatever the network says there must not move a robot."""
+    bounds = torch.tensor([[-1.0, 0.5, -1.0], [1.0, 2.0, 1.0]])  # 0 is outside of the second one's
+    head: RealHead = HEADS[name](torch.tensor([1.0, 0.0, 1.0]), bounds)
+    outputs = head(torch.randn(50, 8))
+
+    picked = head.pick(outputs, torch.Generator().manual_seed(0))
+
+    assert torch.equal(picked[:, 1], torch.full((50,), 0.5))
+    assert picked[:, [0, 2]].std(0).min() > 0.01
