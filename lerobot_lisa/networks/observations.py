@@ -66,7 +66,7 @@ class ImageEncoder(nn.Module):
     """Images: three strided convolutions (paper, section 4.1), pooled to 4 x 4 so that any image size works.
 
     The first one quarters the resolution at once. Four that halve it, one after another, spend most of their time on
-    the large maps: an eighth as many images per second on a CPU.
+    the large maps: a seventh as many images per second on a CPU.
     """
 
     def __init__(self, channels: int, width: int) -> None:
