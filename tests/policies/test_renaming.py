@@ -24,7 +24,7 @@ def test_training_on_renamed_features(pictures: Path) -> None:
     other.policy.config.input_features = {
         names[key]: feature for key, feature in other.policy.config.input_features.items()
     }
-    encoders = (other.policy.network.predictor.observations, other.policy.network.policy.observations)
+    encoders = (other.policy.network.predictor_observations, other.policy.network.observations)
     for encoder in encoders:  # as a checkpoint that knows only its own names
         encoder.others = {names[key]: name for key, name in encoder.others.items()}
     loss, _ = other.policy.forward(RenameObservationsProcessorStep(names).observation(batch))
