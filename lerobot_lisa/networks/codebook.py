@@ -37,7 +37,7 @@ class Skills(nn.Module, ABC):
 
 
 class ContinuousSkills(Skills):
-    """The paper's ablation "continuous codes" (section 4.6): as narrow as a code, but any numbers at all."""
+    """An ablation of the paper (appendix, "Continuous skill codes"): as narrow as a code, but any numbers at all."""
 
     def __init__(self, width: int, code_width: int) -> None:
         super().__init__()

@@ -21,8 +21,9 @@ class LisaConfig(EpisodePolicyConfig):
             does not say; with an encoder each, LISA has more parameters than Lang-DT.
         codebook_size: K, number of skill codes.
         code_width: Numbers per code.
-        continuous_skills: Skills are any `code_width` numbers instead of one of K codes: the paper's ablation (appendix,
-            "Continuous skill codes"). There is then nothing to read or to steer, and settings of the codebook mean nothing.
+        continuous_skills: Skills are any `code_width` numbers instead of one of K codes: an ablation of the paper
+            (appendix, "Continuous skill codes"). There is then nothing to read or to steer, and settings of the
+            codebook mean nothing.
         codebook_decay: Of the moving averages that are the codes.
         commitment_weight: lambda, weight of the commitment loss.
         dead_code_threshold: A code that stands for fewer embeddings of a batch than this, in the moving average, is put
