@@ -57,8 +57,8 @@ def test_lisa_and_lang_dt_differ_only_in_the_policy(folder: Path) -> None:
         "optimizer_lr",
         "scheduler",
         "scheduler_warmup_steps",
-        "width",
-        "heads",
+        "dim_model",
+        "n_heads",
         "dropout",
         "language_encoder",
     ):

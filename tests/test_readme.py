@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SMALLER = {
     "--episodes 1000": "--episodes 20 --workers 1",
-    "--steps=2000": "--steps=2 --policy.device=cpu --policy.width=32",
+    "--steps=2000": "--steps=2 --policy.device=cpu --policy.dim_model=32",
     "--batch_size=64": "--batch_size=8",
     "--eval.n_episodes=100": "--eval.n_episodes=2 --policy.device=cpu --env.max_episode_steps=4",
 }

@@ -1,8 +1,10 @@
 """Settings that LISA and Lang-DT share: encoders, size, what is learned from a dataset's metadata, optimiser."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
+import draccus
+from draccus.parsers.encoding import encode_choice
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim.optimizers import AdamConfig
 from lerobot.optim.schedulers import (
@@ -14,22 +16,23 @@ from lerobot.optim.schedulers import (
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.dataset_facts import note_facts
 from lerobot_lisa.policies.feature_checks import check_features
+from lerobot_lisa.policies.old_fields import OldFields
 
 WORDS = "words"  # the built-in word-level language encoder
 
 
 @dataclass
-class EpisodePolicyConfig(PreTrainedConfig):
+class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     """Shared part of `LisaConfig` and `LangDTConfig`; defaults are the paper's (appendix D) unless a comment says why.
 
     Attributes:
-        width: D, size of every token.
-        heads: Attention heads.
+        dim_model: D, size of every token.
+        n_heads: Attention heads.
         dropout: On residual branches and token embeddings.
         language_encoder: "words", or a Hugging Face id or local path of an encoder.
         freeze_language_encoder: Keep a pretrained encoder as it is; its answers are then cached per instruction.
-        image_backbone: A torchvision resnet for image features instead of three convolutions.
-        image_backbone_weights: Its weights at the start by torchvision's name, such as "DEFAULT"; None: from scratch.
+        vision_backbone: A torchvision resnet for image features instead of three convolutions.
+        pretrained_backbone_weights: Its weights at the start by torchvision's name, such as "DEFAULT"; None: none.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
             None: those that the dataset's `action` feature names in its `info`, as {"ignored": ["wrist"]}.
         feature_info: Facts about the dataset's features that an environment must share, such as how images were drawn;
@@ -54,14 +57,14 @@ class EpisodePolicyConfig(PreTrainedConfig):
         max_timesteps: Length of the longest training episode; a rollout looks back this far.
     """
 
-    width: int = 128
-    heads: int = 4
+    dim_model: int = 128
+    n_heads: int = 4
     dropout: float = 0.1
 
     language_encoder: str = "distilbert-base-uncased"
     freeze_language_encoder: bool = False
-    image_backbone: str | None = None
-    image_backbone_weights: str | None = None
+    vision_backbone: str | None = None
+    pretrained_backbone_weights: str | None = None
     ignored_action_dimensions: list[int] | None = None
     feature_info: dict[str, dict[str, Any]] | None = None
 
@@ -113,9 +116,9 @@ class EpisodePolicyConfig(PreTrainedConfig):
             raise UserError("--policy.action_bins must be at least 2 and --policy.action_components at least 1")
         if self.action_temperature < 0:
             raise UserError(f"--policy.action_temperature={self.action_temperature} must be 0 (most probable) or above")
-        if self.width < 2 or self.width % 2 or self.width % self.heads:
+        if self.dim_model < 2 or self.dim_model % 2 or self.dim_model % self.n_heads:
             raise UserError(
-                f"--policy.width={self.width} must be even and a multiple of --policy.heads={self.heads}: "
+                f"--policy.dim_model={self.dim_model} must be even and a multiple of --policy.n_heads={self.n_heads}: "
                 "choose e.g. 128 and 4"
             )
 
@@ -186,3 +189,10 @@ class EpisodePolicyConfig(PreTrainedConfig):
             UserError: No observation, no action, an unsupported type or shape, or a scaling that would break symbols.
         """
         check_features(self)
+
+
+@draccus.encode.register(EpisodePolicyConfig, include_subclasses=True)
+def _encode(config: EpisodePolicyConfig, _: Any = None) -> dict[str, Any]:
+    """For `config.json` and `train_config.json`."""
+    old = {f.name for f in fields(OldFields)}
+    return {key: value for key, value in encode_choice(config, PreTrainedConfig).items() if key not in old}

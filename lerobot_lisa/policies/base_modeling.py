@@ -73,7 +73,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self._normalize = _normalizer(config, dataset_stats)
         self.network = self.make_network(self._action_bounds(dataset_stats))
         self.randomness = StepRandomness()
-        config.image_backbone_weights = None  # from here on the checkpoint brings them, without a download
+        config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._store: EpisodeStore | None = None
         self._renamed: dict[str, str] = {}  # the dataset's name to the policy's

@@ -16,8 +16,8 @@ SUMMARIES = {
     "lang_dt": "A Lang-DT policy: the flat language-conditioned Decision Transformer that LISA is compared with.",
 }
 SHOWN = (
-    "horizon", "codebook_size", "code_width", "predictor_layers", "policy_layers", "layers",
-    "width", "heads", "dropout", "language_encoder", "optimizer_lr", "optimizer_lr_skill_predictor",
+    "horizon", "codebook_size", "code_width", "n_predictor_layers", "n_policy_layers", "n_layers",
+    "dim_model", "n_heads", "dropout", "language_encoder", "optimizer_lr", "optimizer_lr_skill_predictor",
 )  # fmt: skip
 EXAMPLES = 5  # instructions shown; a dataset may have 100,000
 

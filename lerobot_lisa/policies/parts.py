@@ -29,23 +29,23 @@ def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
         for key, feature in (config.input_features or {}).items()
     }
     try:
-        return ObservationEncoder(specs, config.width, config.image_backbone, config.image_backbone_weights)
+        return ObservationEncoder(specs, config.dim_model, config.vision_backbone, config.pretrained_backbone_weights)
     except (ValueError, KeyError) as error:  # torchvision's words for an unknown model or weights
-        raise UserError(f"--policy.image_backbone={config.image_backbone}: {error}") from error
+        raise UserError(f"--policy.vision_backbone={config.vision_backbone}: {error}") from error
 
 
 def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
     """Categorical or real-valued, as the dataset's actions are; `bounds` (2, A) are the least and greatest of them."""
     if config.action_classes:
-        return CategoricalHead(config.width, config.action_classes, config.action_temperature)
+        return CategoricalHead(config.dim_model, config.action_classes, config.action_temperature)
     size = config.action_feature.shape[0]  # validate_features has seen to it
     weights = torch.ones(size)
     weights[config.ignored_action_dimensions or []] = 0
     if config.action_head == "bins":
-        return BinsHead(config.width, weights, bounds, config.action_bins, config.action_temperature)
+        return BinsHead(config.dim_model, weights, bounds, config.action_bins, config.action_temperature)
     if config.action_head == "mixture":
-        return MixtureHead(config.width, weights, bounds, config.action_components, config.action_temperature)
-    return MeanHead(config.width, weights, bounds, config.action_amplification)
+        return MixtureHead(config.dim_model, weights, bounds, config.action_components, config.action_temperature)
+    return MeanHead(config.dim_model, weights, bounds, config.action_amplification)
 
 
 def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
@@ -55,7 +55,7 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
     `config.language_model`; a loaded one builds from that note and gets its weights from the checkpoint.
     """
     if config.language_encoder == WORDS:
-        return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.width), config.width)
+        return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.dim_model), config.dim_model)
     from transformers import AutoConfig, AutoModel  # slow to import, and word-level policies do without
 
     if config.language_model is None:
@@ -65,7 +65,7 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
         noted = dict(config.language_model)
         model = AutoModel.from_config(AutoConfig.for_model(noted.pop("model_type"), **noted))
     encoder = PretrainedEncoder(model, config.freeze_language_encoder)
-    return LanguageEncoder(encoder, config.width)
+    return LanguageEncoder(encoder, config.dim_model)
 
 
 def parameter_group(name: str, modules: list[nn.Module], rate: float) -> dict[str, Any]:

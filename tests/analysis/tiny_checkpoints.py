@@ -15,7 +15,7 @@ from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 HORIZON, CODES = 3, 5
 SMALL: dict[str, Any] = {
-    "width": 32, "heads": 2, "language_encoder": "words", "device": "cpu", "push_to_hub": False
+    "dim_model": 32, "n_heads": 2, "language_encoder": "words", "device": "cpu", "push_to_hub": False
 }  # fmt: skip
 
 

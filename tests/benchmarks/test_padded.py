@@ -9,7 +9,9 @@ from benchmarks.model import padded_batch, padded_copy
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
-SMALL = {"width": 32, "heads": 2, "dropout": 0.0, "language_encoder": "words", "device": "cpu", "push_to_hub": False}
+SMALL = {
+    "dim_model": 32, "n_heads": 2, "dropout": 0.0, "language_encoder": "words", "device": "cpu", "push_to_hub": False
+}  # fmt: skip
 CONFIGS = {
     "lisa": lambda: LisaConfig(horizon=3, codebook_size=5, **SMALL),
     "lang_dt": lambda: LangDTConfig(**SMALL),

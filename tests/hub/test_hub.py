@@ -43,8 +43,8 @@ def trained(run: Run, symbolic: Path, tmp_path_factory: pytest.TempPathFactory) 
     """A checkpoint that lerobot-train has also pushed."""
     output = tmp_path_factory.mktemp("outputs") / "lisa"
     done = run(
-        "lerobot-train", "--policy.type=lisa", "--policy.language_encoder=words", "--policy.width=32",
-        "--policy.heads=2", "--policy.device=cpu", "--policy.push_to_hub=true", f"--policy.repo_id={REPO}",
+        "lerobot-train", "--policy.type=lisa", "--policy.language_encoder=words", "--policy.dim_model=32",
+        "--policy.n_heads=2", "--policy.device=cpu", "--policy.push_to_hub=true", f"--policy.repo_id={REPO}",
         "--dataset.repo_id=local/tiny", f"--dataset.root={symbolic}", "--batch_size=4", "--num_workers=0", "--steps=2",
         f"--output_dir={output}",
     )  # fmt: skip

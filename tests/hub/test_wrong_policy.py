@@ -17,7 +17,7 @@ CONFIGS: dict[str, type[PreTrainedConfig]] = {"lisa": LisaConfig, "lang_dt": Lan
 
 @pytest.mark.parametrize(("kind", "other"), [("lisa", "lang_dt"), ("lang_dt", "lisa")])
 def test_from_pretrained(kind: str, other: str, symbolic: Path, tmp_path: Path) -> None:
-    config = CONFIGS[kind](width=32, heads=2, language_encoder="words", device="cpu", push_to_hub=False)
+    config = CONFIGS[kind](dim_model=32, n_heads=2, language_encoder="words", device="cpu", push_to_hub=False)
     make_policy(config, ds_meta=LeRobotDatasetMetadata("local/tiny", root=symbolic)).save_pretrained(tmp_path)
 
     with pytest.raises(UserError, match=rf"cannot load a {kind} policy .* choose a {other} checkpoint") as refused:

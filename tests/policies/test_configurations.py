@@ -1,5 +1,6 @@
 """What a configuration learns from a dataset, and one clear line for everything that cannot work."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -121,8 +122,8 @@ def test_features_that_cannot_work(kind: str, case: str) -> None:
 
 
 BAD_SETTINGS = {
-    "width": 7,
-    "heads": 3,
+    "dim_model": 7,
+    "n_heads": 3,
     "episode_store": "cloud",
     "scheduler": "linear",
     "dtype": "int8",
@@ -134,11 +135,11 @@ BAD_LISA = {
     "horizon": 0,
     "codebook_size": 0,
     "code_width": 0,
-    "predictor_layers": 0,
-    "policy_layers": 0,
+    "n_predictor_layers": 0,
+    "n_policy_layers": 0,
     "codebook_decay": 1.0,
 }
-BAD_LANG_DT = {"layers": 0, "padding_waste": 1.5}
+BAD_LANG_DT = {"n_layers": 0, "padding_waste": 1.5}
 CASES = [
     *(("lisa", *item) for item in {**BAD_SETTINGS, **BAD_LISA}.items()),
     *(("lang_dt", *item) for item in {**BAD_SETTINGS, **BAD_LANG_DT}.items()),
@@ -171,6 +172,18 @@ def test_config_json_round_trip(kind: str, tmp_path: Path) -> None:
     assert draccus.encode(loaded) == draccus.encode(cfg)
     assert loaded.language_model == cfg.language_model
     assert loaded.input_features == cfg.input_features
+
+
+@BOTH
+def test_a_checkpoint_of_another_version_is_refused_in_one_line(kind: str, tmp_path: Path) -> None:
+    described(kind).save_pretrained(tmp_path)
+    path = tmp_path / "config.json"
+    assert "width" not in json.loads(path.read_text())
+    path.write_text(path.read_text().replace('"dim_model"', '"width"').replace('"n_heads"', '"heads"'))
+
+    with pytest.raises(UserError, match=r"`width: 32` is .* of version 0\.1: it is called dim_model") as caught:
+        PreTrainedConfig.from_pretrained(tmp_path)
+    assert "\n" not in str(caught.value)
 
 
 def test_action_classes_that_the_dataset_passes_are_refused(symbolic: Path) -> None:

@@ -15,7 +15,7 @@ def config(channels: int, **settings: str) -> LisaConfig:
 
 
 def test_a_resnet_embeds_images() -> None:
-    encoder = make_observation_encoder(config(3, image_backbone="resnet18")).eval()
+    encoder = make_observation_encoder(config(3, vision_backbone="resnet18")).eval()
 
     assert encoder({"observation.image": torch.rand(2, 3, 64, 64)}).shape == (2, 128)
 
@@ -23,10 +23,10 @@ def test_a_resnet_embeds_images() -> None:
 @pytest.mark.parametrize(
     ("channels", "settings", "message"),
     [
-        (3, {"image_backbone": "resnet19"}, "resnet19"),
-        (1, {"image_backbone": "resnet18"}, "needs 3 channels"),
-        (3, {"image_backbone": "vit_b_16"}, "choose a resnet"),
-        (3, {"image_backbone": "resnet18", "image_backbone_weights": "NO_SUCH"}, "NO_SUCH"),
+        (3, {"vision_backbone": "resnet19"}, "resnet19"),
+        (1, {"vision_backbone": "resnet18"}, "needs 3 channels"),
+        (3, {"vision_backbone": "vit_b_16"}, "choose a resnet"),
+        (3, {"vision_backbone": "resnet18", "pretrained_backbone_weights": "NO_SUCH"}, "NO_SUCH"),
     ],
 )
 def test_others_are_refused_in_one_line(channels: int, settings: dict[str, str], message: str) -> None:

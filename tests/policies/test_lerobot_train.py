@@ -32,7 +32,7 @@ def new_run(output: Path, root: Path, *settings: str) -> list[str]:
     """Four steps of a small LISA policy, saved at every second one."""
     return [
         f"--dataset.root={root}", "--dataset.repo_id=local/tiny", f"--output_dir={output}",
-        "--policy.device=cpu", "--policy.push_to_hub=false", "--policy.width=32", "--policy.heads=2",
+        "--policy.device=cpu", "--policy.push_to_hub=false", "--policy.dim_model=32", "--policy.n_heads=2",
         "--steps=4", "--save_freq=2", "--log_freq=1", "--batch_size=4", "--num_workers=0", "--env_eval_freq=0",
         "--seed=1", *settings,
     ]  # fmt: skip

@@ -16,7 +16,7 @@ BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
 @BOTH
 def test_four_episodes_by_heart(kind: str, tmp_path: Path) -> None:
     root = tiny_datasets.symbolic(tmp_path / "data", lengths=[9, 14, 6, 11])
-    made = training(kind, root, width=64, dropout=0.0)
+    made = training(kind, root, dim_model=64, dropout=0.0)
     optimizer = torch.optim.Adam(made.policy.get_optim_params(), lr=1e-3)
     for group in optimizer.param_groups:
         group["lr"] = 3e-3

@@ -16,7 +16,7 @@ from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 CONFIGS = {"lisa": LisaConfig, "lang_dt": LangDTConfig}
-SMALL = {"width": 32, "heads": 2, "device": "cpu", "push_to_hub": False}
+SMALL = {"dim_model": 32, "n_heads": 2, "device": "cpu", "push_to_hub": False}
 
 
 def config(kind: str, **settings: Any) -> EpisodePolicyConfig:

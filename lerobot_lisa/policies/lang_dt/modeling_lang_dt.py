@@ -31,9 +31,9 @@ class LangDTPolicy(EpisodePolicy):
         """One causal transformer that looks back over as many steps as the longest training episode has."""
         config, steps = self.config, self.config.max_timesteps or 1
         policy = ActionPredictor(
-            TimestepEmbedding(steps, config.width),
+            TimestepEmbedding(steps, config.dim_model),
             # Two tokens a step: observation and action.
-            CausalTransformer(config.width, config.layers, config.heads, config.dropout, window=2 * steps),
+            CausalTransformer(config.dim_model, config.n_layers, config.n_heads, config.dropout, window=2 * steps),
             make_action_head(config, action_bounds),
         )
         return LangDT(make_language_encoder(config), make_observation_encoder(config), policy, config.padding_waste)

@@ -14,8 +14,8 @@ class LisaConfig(EpisodePolicyConfig):
     """LISA (Garg et al., NeurIPS 2022): language to discrete skill codes to actions. Defaults: the paper's, appendix D.
 
     Attributes:
-        predictor_layers: Transformer blocks of the skill predictor f.
-        policy_layers: Transformer blocks of the policy pi.
+        n_predictor_layers: Transformer blocks of the skill predictor f.
+        n_policy_layers: Transformer blocks of the policy pi.
         horizon: H, steps that one skill code lasts.
         shared_observation_encoder: Skill predictor and policy see with the same encoder, at half the cost. The paper
             does not say; with an encoder each, LISA has more parameters than Lang-DT.
@@ -33,8 +33,8 @@ class LisaConfig(EpisodePolicyConfig):
         optimizer_lr_skill_predictor: Rate of the skill predictor and of the codebook's projections.
     """
 
-    predictor_layers: int = 1
-    policy_layers: int = 1
+    n_predictor_layers: int = 1
+    n_policy_layers: int = 1
     horizon: int = 10
     shared_observation_encoder: bool = False
     codebook_size: int = 20
@@ -51,7 +51,7 @@ class LisaConfig(EpisodePolicyConfig):
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded."""
         super().__post_init__()
-        for name in ("predictor_layers", "policy_layers", "horizon", "codebook_size", "code_width"):
+        for name in ("n_predictor_layers", "n_policy_layers", "horizon", "codebook_size", "code_width"):
             if getattr(self, name) < 1:
                 raise UserError(f"--policy.{name}={getattr(self, name)} must be at least 1")
         if not 0 <= self.codebook_decay < 1:

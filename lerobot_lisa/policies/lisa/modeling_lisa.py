@@ -52,7 +52,7 @@ class LisaPolicy(EpisodePolicy):
             observations=make_observation_encoder(config),
             predictor=make_skill_predictor(config),
             codebook=make_skills(config),
-            skill_embedding=nn.Linear(config.width, config.width),
+            skill_embedding=nn.Linear(config.dim_model, config.dim_model),
             policy=make_policy(config, action_bounds),
             horizon=config.horizon,
             predictor_observations=None if config.shared_observation_encoder else make_observation_encoder(config),
@@ -122,9 +122,9 @@ def _describe(skills: Quantized, size: int) -> Metrics:
 def make_skills(config: LisaConfig) -> Skills:
     """The codebook, or nothing but a narrow passage."""
     if config.continuous_skills:
-        return ContinuousSkills(config.width, config.code_width)
+        return ContinuousSkills(config.dim_model, config.code_width)
     return Codebook(
-        config.width,
+        config.dim_model,
         config.codebook_size,
         config.code_width,
         config.codebook_decay,
@@ -137,16 +137,16 @@ def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
     """f: looks back over as many steps as the longest training episode has."""
     steps = config.max_timesteps or 1
     return SkillPredictor(
-        TimestepEmbedding(steps, config.width),
-        CausalTransformer(config.width, config.predictor_layers, config.heads, config.dropout, window=steps),
-        config.width,
+        TimestepEmbedding(steps, config.dim_model),
+        CausalTransformer(config.dim_model, config.n_predictor_layers, config.n_heads, config.dropout, window=steps),
+        config.dim_model,
     )
 
 
 def make_policy(config: LisaConfig, action_bounds: Tensor) -> ActionPredictor:
     """pi: sees one chunk, and knows where in the chunk it is but not where in the episode."""
     return ActionPredictor(
-        TimestepEmbedding(config.horizon, config.width),
-        CausalTransformer(config.width, config.policy_layers, config.heads, config.dropout),
+        TimestepEmbedding(config.horizon, config.dim_model),
+        CausalTransformer(config.dim_model, config.n_policy_layers, config.n_heads, config.dropout),
         make_action_head(config, action_bounds),
     )

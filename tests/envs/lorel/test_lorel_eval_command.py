@@ -40,8 +40,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def train(data: Path, output: Path, *settings: str) -> Path:
     """Two steps of a small LISA policy; returns its checkpoint."""
     done = run(
-        "lerobot-train", "--policy.type=lisa", "--policy.language_encoder=words", "--policy.width=32",
-        "--policy.heads=2", "--policy.device=cpu", "--policy.push_to_hub=false", "--dataset.repo_id=local/play",
+        "lerobot-train", "--policy.type=lisa", "--policy.language_encoder=words", "--policy.dim_model=32",
+        "--policy.n_heads=2", "--policy.device=cpu", "--policy.push_to_hub=false", "--dataset.repo_id=local/play",
         f"--dataset.root={data}", "--batch_size=4", "--num_workers=0", "--steps=2", f"--output_dir={output}", *settings,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
