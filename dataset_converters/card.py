@@ -54,7 +54,9 @@ def write_card(root: Path, repo_id: str, facts: CardFacts) -> None:
 
 
 def _brief(feature: Mapping[str, Any]) -> dict[str, Any]:
-    names = feature.get("names")
+    names, brief = feature.get("names"), dict(feature)
     if isinstance(names, list) and len(names) > _MOST_NAMES:
-        return {**feature, "names": [*names[:2], "...", names[-1]]}
-    return dict(feature)
+        brief["names"] = [*names[:2], "...", names[-1]]
+    if feature.get("info"):  # what symbols are called, say, takes a page
+        brief["info"] = {key: "..." if isinstance(fact, dict) else fact for key, fact in feature["info"].items()}
+    return brief
