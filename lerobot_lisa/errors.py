@@ -16,17 +16,29 @@ def exit_code(work: Callable[[], object], interrupted: str = "interrupted") -> i
     """Do the work of a command line and return its exit code.
 
     Returns:
-        0; 1 after a `UserError`, 130 after Ctrl-C, each with one line on standard error.
+        0; 1 after a `UserError` or what the file system refuses (a full disk, a file where a folder should be, a name
+        that is too long), 130 after Ctrl-C, each with one line on standard error.
     """
     try:
         work()
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except OSError as error:
+        print(f"error: {_refusal(error)}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print(interrupted, file=sys.stderr)
         return 130
     return 0
+
+
+def _refusal(error: OSError) -> str:
+    """What the operating system says, after the file that it says it of."""
+    named = next((str(name) for name in (error.filename, error.filename2) if name is not None), "")
+    shown = named if len(named) <= 200 else f"{named[:100]}…{named[-50:]}"
+    said = error.strerror or " ".join(str(error).split()) or type(error).__name__
+    return f"{shown}: {said}" if shown else said
 
 
 def show_user_errors_in_one_line() -> None:

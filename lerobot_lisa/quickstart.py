@@ -54,13 +54,14 @@ def plan(folder: Path, seed: int, recipe: Path) -> list[Step]:
     evaluate += [f"--env.task={LEVEL}", f"--eval.n_episodes={EVALUATION_EPISODES}", "--eval.batch_size=50"]
     evaluate += ["--eval.use_async_envs=false", "--seed=1000", f"--output_dir={evaluation}"]
     rates = ["python", "-m", "lerobot_lisa.analysis.success", str(evaluation / "eval_info.json")]
-    words = ["python", "-m", "lerobot_lisa.analysis.skill_words", f"--policy-path={policy}", f"--dataset-root={data}"]
+    words = ["python", "-m", "lerobot_lisa.analysis.skills", f"--policy.path={policy}", "--policy.device=cpu"]
+    words += [f"--dataset.root={data}", f"--output_dir={skills}"]
     return [
         Step("generate", generate, data / "meta" / "info.json"),
         Step("train", _train(run, data, seed, recipe), policy.with_name("training_state") / "scheduler_state.json"),
         Step("evaluate", evaluate, evaluation / "eval_info.json"),
         Step("success", [*rates, f"--json={folder / 'success.json'}"], folder / "success.json"),
-        Step("skill_words", [*words, f"--repo-id={REPO_ID}", f"--output-dir={skills}"], skills / "skill_words.png"),
+        Step("skill_words", words, skills / "skill_words_pmi.csv"),
     ]
 
 
@@ -134,7 +135,7 @@ def quickstart(folder: Path, seed: int) -> None:
     print(
         f"\nSuccess rate on {LEVEL}: {overall['percent']:.1f} % (95 % interval {overall['low']:.1f} to "
         f"{overall['high']:.1f} %, n = {overall['episodes']})\n"
-        f"Words of each skill: {folder / 'skill_words' / 'skill_words.png'}"
+        f"Words of each skill: {folder / 'skill_words' / 'skill_words_by_skill.png'}"
     )
 
 

@@ -77,7 +77,7 @@ def test_finished_steps_are_skipped(
     assert (first.read_text(), second.read_text()) == ("before", "x")
     closing = capsys.readouterr().out.splitlines()[-2:]
     assert closing[0] == "Success rate on GoToLocal: 81.2 % (95 % interval 70.0 to 90.0 %, n = 16)"
-    assert closing[1].endswith("skill_words.png")
+    assert closing[1].endswith("skill_words_by_skill.png")
 
 
 def test_another_seed_needs_another_folder(

@@ -62,7 +62,7 @@ def test_first_steps_and_the_robot_stack(tmp_path: Path) -> None:
     (snippet,) = re.findall(r"```python\n(.*?)```", section("In a robot stack"), re.DOTALL)
     shown = run([sys.executable, "-c", snippet])
 
-    assert (tmp_path / "outputs" / "skill_words" / "skill_words.png").is_file()
+    assert (tmp_path / "outputs" / "skill_words" / "skill_words_by_skill.png").is_file()
     assert shown.splitlines()[-1].startswith("torch.Size([1, 1]) tensor([")
 
 

@@ -1,34 +1,61 @@
 """What uniformly random actions achieve: the floor that every LOReL success rate stands on.
 
-python -m lerobot_lisa.analysis.lorel_random_floor --suite seen --episodes 50
+python -m lerobot_lisa.analysis.lorel_random_floor --suite=seen --n_episodes=50
 
 Episodes start as in `lerobot-eval`, which counts its seeds up from 1000. The floor of every task ships with the suites
-and stands beside their numbers in `lerobot_lisa.analysis.success`; this measures it anew:
+and stands beside their numbers in every analysis; this measures it anew:
 
-python -m lerobot_lisa.analysis.lorel_random_floor --table random_floor.json --episodes 1000
+python -m lerobot_lisa.analysis.lorel_random_floor --table=random_floor.json --n_episodes=1000
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from lerobot_lisa.analysis.success import success_rate
+from lerobot_lisa.analysis.commands import check_number, run_command
+from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.envs.lorel.installation import check_installed
 from lerobot_lisa.envs.lorel.random_floor import floor_key
 from lerobot_lisa.envs.lorel.state import ACTION_HIGH
 from lerobot_lisa.envs.lorel.suites import SUITES
 from lerobot_lisa.envs.lorel.tasks import Task
-from lerobot_lisa.errors import UserError, exit_code
+from lerobot_lisa.errors import UserError
 
-_ARMS = ("original", "free")
+_ROBOT_ARMS = ("original", "free")
+
+
+@dataclass
+class FloorConfig:
+    """What to measure."""
+
+    suite: str = "seen"
+    """Suite of tasks."""
+
+    n_episodes: int = 50
+    """Episodes of each task."""
+
+    seed: int = 1000
+    """Of the first episode of each task; the others count up."""
+
+    arm: str = "original"
+    """Variant of the simulated robot arm."""
+
+    table: Path | None = None
+    """Write the floor of every task of every suite, with both arms, to this file instead."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        if self.suite not in SUITES or self.arm not in _ROBOT_ARMS:
+            raise UserError(f"choose --suite from {', '.join(SUITES)}, and --arm from {', '.join(_ROBOT_ARMS)}")
+        check_number("n_episodes", self.n_episodes, 1, 1_000_000)
+        check_number("seed", self.seed, 0, 2**32 - self.n_episodes)
 
 
 def random_outcomes(task: Task, task_id: int, episodes: int, seed: int = 1000, arm: str = "original") -> list[bool]:
@@ -75,48 +102,38 @@ def _lines(suite: str, outcomes: list[list[bool]]) -> Iterator[str]:
 
 def main() -> int:
     """Command line; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--suite", choices=list(SUITES), default="seen")
-    parser.add_argument("--episodes", type=int, default=50, help="for each task (default: 50)")
-    parser.add_argument("--seed", type=int, default=1000, help="of the first episode of each task (default: 1000)")
-    parser.add_argument("--arm", choices=_ARMS, default="original")
-    parser.add_argument("--table", type=Path, help="write the floor of every task of every suite to this file instead")
-    options = parser.parse_args()
-    if options.episodes < 1 or options.seed < 0:
-        parser.error("--episodes must be at least 1, --seed at least 0")
-    return exit_code(lambda: _write_table(options) if options.table else _run(options))
+    return run_command(run, interrupted="interrupted")
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(config: FloorConfig) -> None:
+    """Measure, and print or write."""
+    if config.table:
+        config.table.write_text(json.dumps(_measure_all(config), indent=2) + "\n", encoding="utf-8")
+        return
     outcomes = [
-        random_outcomes(task, task_id, options.episodes, options.seed, options.arm)
-        for task_id, task in enumerate(tqdm(SUITES[options.suite], unit="task", disable=None))
+        random_outcomes(task, task_id, config.n_episodes, config.seed, config.arm)
+        for task_id, task in enumerate(tqdm(SUITES[config.suite], unit="task", disable=None))
     ]
-    print("\n".join(_lines(options.suite, outcomes)))
+    print("\n".join(_lines(config.suite, outcomes)))
 
 
-def _write_table(options: argparse.Namespace) -> None:
+def _measure_all(config: FloorConfig) -> dict[str, object]:
     """Tasks that random actions cannot tell apart are measured once."""
+    from lerobot_lisa.envs.lorel.scene import engine
+
     tasks: dict[str, Task] = {}
     for task in chain(*SUITES.values()):
         tasks.setdefault(floor_key(task), task)
-    successes: dict[str, dict[str, int]] = {}
-    for arm in _ARMS:
-        successes[arm] = {
-            key: sum(random_outcomes(task, number, options.episodes, options.seed, arm))
+    successes = {
+        arm: {
+            key: sum(random_outcomes(task, number, config.n_episodes, config.seed, arm))
             for number, (key, task) in enumerate(tqdm(tasks.items(), unit="task", desc=arm, disable=None))
         }
-    text = json.dumps(_described(options) | {"successes": successes}, indent=2) + "\n"
-    try:
-        options.table.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"{options.table}: {error.strerror or error}: choose another --table") from error
-
-
-def _described(options: argparse.Namespace) -> dict[str, Any]:
-    from lerobot_lisa.envs.lorel.scene import engine
-
-    return {"episodes": options.episodes, "first_seed": options.seed, "engine": engine()}
+        for arm in _ROBOT_ARMS
+    }
+    return {
+        "episodes": config.n_episodes, "first_seed": config.seed, "engine": engine(), "successes": successes
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -4,10 +4,10 @@ lisa-unseen --dataset.root=data/bosslevel_1k --level=BossLevel --n=10000
 lisa-unseen --dataset.root=data/lorel_states --suite=rephrasals
 """
 
-import argparse
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,9 +15,11 @@ import pyarrow.parquet as pq
 from tqdm import tqdm
 
 from dataset_converters.seeds import FIRST_TRAINING_SEED
-from lerobot_lisa.analysis.success import success_rate
+from lerobot_lisa.analysis.commands import check_number, run_command
+from lerobot_lisa.analysis.success.rates import success_rate
+from lerobot_lisa.analysis.training_data import DatasetOptions
 from lerobot_lisa.envs.lorel.suites import SUITES
-from lerobot_lisa.errors import UserError, exit_code
+from lerobot_lisa.errors import UserError
 
 PAPER = {
     "GoToSeq": {1_000: 76.0, 10_000: 63.8, 100_000: 48.0},
@@ -27,6 +29,37 @@ PAPER = {
 """Unseen instructions in percent by level and number of demonstrations (paper, table 3)."""
 
 _Labelled = Iterable[tuple[str, str]]  # instructions with their kinds
+
+
+@dataclass
+class UnseenConfig:
+    """Whose instructions to look for in which dataset."""
+
+    dataset: DatasetOptions = field(default_factory=DatasetOptions)
+    """The demonstrations."""
+
+    level: str | None = None
+    """BabyAI level whose missions are drawn, such as BossLevel."""
+
+    suite: str | None = None
+    """LOReL suite whose instructions are looked up, all of them."""
+
+    n: int = 10_000
+    """Missions drawn."""
+
+    seed: int = 1000
+    """Of the first mission; the others count up. Demonstrations are made with seeds above those allowed here."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        if self.dataset.root is None:
+            raise UserError("--dataset.root is missing: name the folder of a LeRobotDataset")
+        if (self.level is None) == (self.suite is None):
+            raise UserError("give either --level, of BabyAI, or --suite, of LOReL")
+        if self.suite is not None and self.suite not in SUITES:
+            raise UserError(f"--suite={self.suite}: choose from {', '.join(SUITES)}")
+        check_number("n", self.n, 1, FIRST_TRAINING_SEED)
+        check_number("seed", self.seed, 0, FIRST_TRAINING_SEED - self.n)
 
 
 def read_instructions(root: Path) -> tuple[frozenset[str], int]:
@@ -86,48 +119,29 @@ def report(labelled: _Labelled, seen: frozenset[str], drawn: bool) -> Iterator[s
         yield f"{share}  unseen, of {kind}"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Command line; returns the exit code."""
-    options = _parser().parse_args(arguments)
-    return exit_code(lambda: run(options.root, options.level, options.suite, options.n, options.seed))
+    return run_command(run, interrupted="interrupted")
 
 
-def run(root: Path, level: str | None, suite: str | None, n: int, seed: int) -> None:
+def run(config: UnseenConfig) -> None:
     """Draw, compare and print.
 
     Raises:
-        UserError: The dataset or the level cannot be used, or training seeds would be drawn.
+        UserError: The dataset or the level cannot be used.
     """
-    if n < 1 or seed < 0 or seed + n > FIRST_TRAINING_SEED:
-        raise UserError(
-            f"--n={n} --seed={seed}: at least one mission, of seeds from 0 to {FIRST_TRAINING_SEED - 1} "
-            "(demonstrations are made with those above, so they are no fresh ones)"
-        )
+    root = Path(str(config.dataset.root))
     seen, episodes = read_instructions(root)
-    labelled = _suite(suite) if suite else draw_missions(str(level), n, seed)
-    lines = list(report(labelled, seen, drawn=not suite))
-    print(f"{root}: {episodes:,} demonstrations with {len(seen):,} distinct instructions")
-    print(f"suite {suite}:" if suite else f"{n:,} fresh {level} missions, of seeds {seed} to {seed + n - 1}:")
-    print(*lines, sep="\n")
-    if level and (published := PAPER.get(level, {}).get(episodes)):
+    if config.suite:
+        about = f"suite {config.suite}:"
+        labelled: _Labelled = [(task.instruction, task.kind) for task in SUITES[config.suite]]
+    else:
+        about = f"{config.n:,} fresh {config.level} missions, of seeds {config.seed} to {config.seed + config.n - 1}:"
+        labelled = draw_missions(str(config.level), config.n, config.seed)
+    lines = list(report(labelled, seen, drawn=not config.suite))
+    print(f"{root}: {episodes:,} demonstrations with {len(seen):,} distinct instructions", about, *lines, sep="\n")
+    if published := PAPER.get(str(config.level), {}).get(episodes):
         print(f"The paper has {published} % with as many demonstrations.")
-
-
-def _suite(name: str) -> _Labelled:
-    return [(task.instruction, task.kind) for task in SUITES[name]]
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--dataset.root", dest="root", required=True, type=Path, help="folder of a LeRobotDataset")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--level", help="BabyAI level whose missions are drawn, such as BossLevel")
-    source.add_argument(
-        "--suite", choices=list(SUITES), help="LOReL suite whose instructions are looked up, all of them"
-    )
-    parser.add_argument("--n", type=int, default=10_000, help="missions drawn (default: 10000)")
-    parser.add_argument("--seed", type=int, default=1000, help="of the first mission; others count up (default: 1000)")
-    return parser
 
 
 if __name__ == "__main__":

@@ -48,10 +48,10 @@ def synthetic(codes: int, words: int, episodes: int = 60, steps: int = 12, horiz
     frame = pd.DataFrame(rows, columns=names)
     starts = frame[frame["step"] == 0].drop(columns=["step", "code", "action"]).reset_index(drop=True)
     ends = starts.assign(steps=steps, success=rng.random(episodes) < 0.6)
-    return Trace(frame, ends, facts(codes, horizon))
+    return Trace(frame, ends, origin(codes, horizon))
 
 
-def facts(codes: int, horizon: int) -> dict[str, Any]:
+def origin(codes: int, horizon: int) -> dict[str, Any]:
     """What `record` would have noted."""
     policy = {"type": "lisa", "codebook_size": codes, "horizon": horizon, "action_classes": 7, "action_temperature": 1}
     return {

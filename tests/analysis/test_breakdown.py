@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 
 from lerobot_lisa.analysis.recording.traces import Trace
-from lerobot_lisa.analysis.statistics.breakdown import breakdowns, task_names
+from lerobot_lisa.analysis.success.breakdown import breakdowns, task_names
 from lerobot_lisa.envs.lorel.groups import GROUPS
 
 
-def trace(rows: list[tuple[str, int, str, bool]], task: str = "GoToLocal") -> Trace:
+def trace(rows: list[tuple[str, int, str, bool]], task: str = "GoToLocal", world: str = "babyai") -> Trace:
     episodes = pd.DataFrame(rows, columns=["group", "task_id", "instruction", "success"])
-    return Trace(pd.DataFrame(), episodes, {"env": {"task": task}})
+    return Trace(pd.DataFrame(), episodes, {"env": {"type": world, "task": task}})
 
 
 def counted(table: pd.DataFrame) -> dict[str, tuple[int, int]]:
@@ -59,7 +59,7 @@ def test_kinds_of_rephrasals_and_the_floor() -> None:
         for task_id, task in enumerate(GROUPS["rephrasals"][group][:3])
         for _ in range(2)
     ]
-    parts = breakdowns(trace(rows, task="rephrasals"), None)
+    parts = breakdowns(trace(rows, task="rephrasals", world="lorel"), None)
     assert counted(parts["kind of instruction"]) == {"seen": (0, 6), "human": (6, 6)}
     assert counted(parts["task group"]) == {"rephrasals_seen": (0, 6), "rephrasals_human": (6, 6)}
     assert ((parts["task"]["random_actions"] >= 0) & (parts["task"]["random_actions"] < 100)).all()

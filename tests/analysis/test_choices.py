@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from lerobot_lisa.analysis.recording.traces import Trace
-from lerobot_lisa.analysis.statistics.choices import Choices, actions_by_code, choices, over_time, transitions
+from lerobot_lisa.analysis.skills.choices import Choices, actions_by_code, choices, over_time, transitions
 
 HORIZON, SIZE = 2, 4
 CODES = {0: [2, 2, 0], 1: [2, 1]}  # of the chunks of two episodes; the last chunk of each is one step long

@@ -10,10 +10,9 @@ from tiny_checkpoints import CODES
 
 from lerobot_lisa.analysis.control import matrix
 from lerobot_lisa.analysis.control.rollout import as_plan, main
-from lerobot_lisa.analysis.control.steering import steered
 from lerobot_lisa.analysis.control.videos import captioned
 from lerobot_lisa.analysis.recording import traces
-from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load_config
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load_config, steered
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.errors import UserError
 
@@ -130,7 +129,7 @@ def test_the_matrix_has_random_actions_beside_the_policys_own_codes() -> None:
     assert [label.get_text() for label in heat.get_xticklabels()] == ["own", "rand.", "0"]
     assert [label.get_text() for label in heat.get_yticklabels()] == ["open", "shut"]
     assert heat.images[0].get_array().tolist() == [[50, 5, 20], [90, 60, 95]]
-    assert list(matrix.lines(table))[1].startswith("shut: best alone is code 0, 95.0 %")
+    assert list(matrix.said(table))[1].startswith("shut: best alone is code 0, 95.0 %")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from lerobot_lisa.analysis.statistics.information import (
+from lerobot_lisa.analysis.skills.information import (
     entropy,
     language_information,
     mutual_information,

@@ -175,7 +175,7 @@ def test_checkpoints_that_are_none(tmp_path: Path) -> None:
 
 
 def test_numbers_out_of_range(lisa: Path) -> None:
-    with pytest.raises(UserError, match="--n_episodes and --batch_size must be at least 1"):
+    with pytest.raises(UserError, match="--n_episodes=0: give a number from 1 to 1,000,000"):
         config(lisa, n_episodes=0)
 
 

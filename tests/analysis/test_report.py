@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 import tiny_checkpoints
 
-from lerobot_lisa.analysis.figures.skill_sheet import word_cloud
+from lerobot_lisa.analysis import training_data
 from lerobot_lisa.analysis.recording import frames
 from lerobot_lisa.analysis.recording.traces import EPISODES_FILE, STEPS_FILE
-from lerobot_lisa.analysis.report import training_data
 from lerobot_lisa.analysis.report.command import main
+from lerobot_lisa.analysis.skills.sheets import check_font
 from lerobot_lisa.errors import UserError
 
 
@@ -105,7 +105,7 @@ def test_what_is_wrong_is_said_in_one_line(
     assert run(monkeypatch, tmp_path / "absent", out) == 1
     assert "absent: no checkpoint (a folder with config.json) there" in refused(capsys.readouterr().err)
     assert run(monkeypatch, lisa, out, "--font=absent.ttf") == 1
-    assert "--font=absent.ttf: no such file" in refused(capsys.readouterr().err)
+    assert "--font=absent.ttf: no font that can be read" in refused(capsys.readouterr().err)
     assert run(monkeypatch, lisa, out, f"--dataset.root={tmp_path}") == 1
     assert f"--dataset.root={tmp_path}: no LeRobotDataset" in refused(capsys.readouterr().err)
     assert not out.exists()
@@ -124,7 +124,7 @@ def test_others_files_are_left_alone(
 def test_a_file_that_is_no_font(tmp_path: Path) -> None:
     (tmp_path / "notes.ttf").write_text("no font")
     with pytest.raises(UserError, match=r"--font=.*notes\.ttf: no font that can be read"):
-        word_cloud({"go": 1.0}, tmp_path / "notes.ttf")
+        check_font(tmp_path / "notes.ttf")
 
 
 def test_training_data_that_are_gone_are_said_to_be(lisa: Path, symbolic: Path, tmp_path: Path) -> None:

@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 from report_pages import measure, synthetic
 
+from lerobot_lisa.analysis.material import Material
 from lerobot_lisa.analysis.report.build import PAGE, build
-from lerobot_lisa.analysis.report.training_data import TrainingData
+from lerobot_lisa.analysis.training_data import TrainingData
 
 NOWHERE = TrainingData(None, None, "The training data are <b>nowhere</b>.")
 
@@ -19,7 +20,7 @@ def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     """A report of a made-up evaluation."""
     made = tmp_path_factory.mktemp("report")
     codes, words = request.param
-    build(made, synthetic(codes, words), NOWHERE, permutations=20)
+    build(made, Material(synthetic(codes, words), NOWHERE, permutations=20))
     return made
 
 
@@ -105,7 +106,7 @@ def test_what_others_wrote_is_text(folder: Path) -> None:
 def test_the_same_trace_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        build(tmp_path / name, synthetic(3, 6, episodes=9), NOWHERE, permutations=20)
+        build(tmp_path / name, Material(synthetic(3, 6, episodes=9), NOWHERE, permutations=20))
     files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.*"))
     assert len(files) > 20
     for file in files:

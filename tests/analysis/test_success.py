@@ -1,13 +1,16 @@
-"""Success rates: known intervals, pooling, the command line, clear refusals."""
+"""Success rates: known intervals, pooling, random actions by world, the command line, clear refusals."""
 
 import json
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lerobot_lisa.analysis.success import main, pool, random_floors, read_outcomes, success_rate, summarise
+from lerobot_lisa.analysis.success.__main__ import main, read_episodes, summarise
+from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.envs.lorel.random_floor import random_floor
 from lerobot_lisa.envs.lorel.suites import find_task
 from lerobot_lisa.errors import UserError
@@ -22,6 +25,25 @@ def write(path: Path, **tasks: list) -> Path:
     ]
     path.write_text(json.dumps({"per_task": per_task, "overall": {"pc_success": 0.0}}))
     return path
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
+    """The command in this process."""
+    monkeypatch.setattr("sys.argv", ["success", *map(str, arguments)])
+    return main()
+
+
+def episodes(**tasks: list) -> pd.DataFrame:
+    """Episodes of tasks that are named like `babyai_0`."""
+    rows = [(*name.rsplit("_", 1), success) for name, listed in tasks.items() for success in listed]
+    frame = pd.DataFrame(rows, columns=["group", "task_id", "success"])
+    return frame.astype({"task_id": int})
+
+
+def floors(world: str | None, **tasks: list) -> dict[str, float]:
+    """What random actions achieve, where it is known."""
+    table = summarise(episodes(**tasks), world).set_index("part")["random_actions"]
+    return table.dropna().to_dict()
 
 
 @pytest.mark.parametrize(
@@ -44,16 +66,11 @@ def test_interval_holds_the_rate(outcomes: list[bool]) -> None:
 
 def test_tasks_groups_and_overall(tmp_path: Path) -> None:
     path = write(tmp_path / "a.json", babyai_0=[True, False], babyai_1=[True, True], other_0=[False])
-    rates = summarise(read_outcomes(path))
-    assert {name: (rate.successes, rate.episodes) for name, rate in rates.items()} == {
-        "babyai/0": (1, 2), "babyai/1": (2, 2), "other/0": (0, 1), "babyai": (3, 4), "other": (0, 1), "overall": (3, 5),
-    }  # fmt: skip
-
-
-def test_seeds_are_pooled_by_task(tmp_path: Path) -> None:
-    first = read_outcomes(write(tmp_path / "a.json", babyai_0=[True], babyai_1=[False]))
-    second = read_outcomes(write(tmp_path / "b.json", babyai_0=[False, True]))
-    assert pool([first, second]) == {("babyai", 0): [True, False, True], ("babyai", 1): [False]}
+    table = summarise(read_episodes(path), "babyai")
+    assert [(row.part, (row.successes, row.episodes)) for row in table.itertuples()] == [
+        ("babyai/0", (1, 2)), ("babyai/1", (2, 2)), ("other/0", (0, 1)), ("babyai", (3, 4)), ("other", (0, 1)),
+        ("overall", (3, 5)),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -71,26 +88,31 @@ def test_other_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "notes.json"
     path.write_text(text)
     with pytest.raises(UserError, match=rf"notes\.json: .*{said}"):
-        read_outcomes(path)
+        read_episodes(path)
 
 
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_seeds_are_pooled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     files = [write(tmp_path / f"{seed}.json", babyai_0=[True] * seed + [False] * 2) for seed in (1, 2)]
+    files.append(write(tmp_path / "3.json", babyai_1=[False, True], babyai_0=[True]))
 
-    assert main([*map(str, files), "--json", str(tmp_path / "new" / "rates.json")]) == 0
+    assert run(monkeypatch, *files, f"--json={tmp_path / 'new' / 'rates.json'}") == 0
 
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines[0] == f"1/3 33.3 % (95 % interval 6.1 to 79.2 %) {files[0]}"
-    assert [line.split()[-1] for line in lines[2:]] == ["babyai/0", "babyai", "overall"]
-    assert lines[-1].startswith("3/7 42.9 %")
-    overall = json.loads((tmp_path / "new" / "rates.json").read_text())["rates"]["overall"]
-    assert (overall["successes"], overall["episodes"]) == (3, 7)
+    assert [line.split()[-1] for line in lines[3:]] == ["babyai/0", "babyai/1", "babyai", "overall"]
+    assert lines[-1].startswith("5/10 50.0 %")
+    rates = json.loads((tmp_path / "new" / "rates.json").read_text())["rates"]
+    assert {name: (rate["successes"], rate["episodes"]) for name, rate in rates.items()} == {
+        "babyai/0": (4, 8), "babyai/1": (1, 2), "babyai": (5, 10), "overall": (5, 10),
+    }  # fmt: skip
 
 
-def test_lorels_numbers_stand_beside_random_actions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lorels_numbers_stand_beside_random_actions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     half = [True, False]
     path = write(tmp_path / "a.json", seen_0=half, seen_1=half, rephrasals_human_8=half, rephrasals_unseen_verb_0=half)
-    assert main([str(path), "--json", str(tmp_path / "rates.json")]) == 0
+    assert run(monkeypatch, path, "--env.type=lorel", f"--json={tmp_path / 'rates.json'}") == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     closing, opening = random_floor(find_task("close drawer")), random_floor(find_task("open drawer"))
     assert lines[0].endswith(f"random actions {closing:.1f} % seen/0: close drawer")
@@ -107,14 +129,28 @@ def test_lorels_numbers_stand_beside_random_actions(tmp_path: Path, capsys: pyte
 
 def test_the_floor_counts_tasks_as_often_as_they_were_run() -> None:
     closing, opening = random_floor(find_task("close drawer")), random_floor(find_task("open drawer"))
-    floors = random_floors({("seen", 0): [True] * 3, ("seen", 1): [False]})
-    assert floors["overall"] == floors["seen"] == pytest.approx((3 * closing + opening) / 4)
-    free = random_floors({("close_drawer_free_arm", 0): [True]})["overall"]
-    assert free == random_floor(find_task("close drawer"), "free") != closing
-    assert random_floors({("seen", 0): [True], ("babyai", 0): [True]}).keys() == {"seen/0", "seen"}
-    assert random_floors({("seen", 99): [True]}) == {}
+    found = floors("lorel", seen_0=[True] * 3, seen_1=[False])
+    assert found["overall"] == found["seen"] == pytest.approx((3 * closing + opening) / 4)
+    free = floors("lorel", close_drawer_free_arm_0=[True])["overall"]
+    assert free == pytest.approx(random_floor(find_task("close drawer"), "free"))
+    assert free != pytest.approx(closing)
+    assert floors("lorel", seen_0=[True], babyai_0=[True]).keys() == {"seen/0", "seen"}
+    assert floors("lorel", seen_99=[True]) == {}
 
 
-def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(tmp_path / "absent.json")]) == 1
+@pytest.mark.parametrize("world", [None, "babyai", "no_such_world"])
+def test_a_group_of_the_same_name_in_another_world_gets_nothing_of_lorels(world: str | None) -> None:
+    table = summarise(episodes(seen_0=[True], rephrasals_human_0=[False]), world)
+    assert table["random_actions"].isna().all()
+    assert set(table["instruction"]) == {""}
+    assert list(table["part"]) == ["seen/0", "rephrasals_human/0", "seen", "rephrasals_human", "overall"]
+    assert np.isfinite(table["percent"]).all()
+
+
+def test_what_is_wrong_is_said_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, tmp_path / "absent.json") == 1
     assert capsys.readouterr().err == f"error: {tmp_path / 'absent.json'}: No such file or directory\n"
+    assert run(monkeypatch) == 1
+    assert capsys.readouterr().err.startswith("error: name one or several eval_info.json")

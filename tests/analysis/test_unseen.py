@@ -10,6 +10,12 @@ from dataset_converters.writer import DatasetLayout, Episode, write_dataset
 from lerobot_lisa.analysis.unseen import draw_missions, kind_of_mission, main, read_instructions, report
 
 
+def run_main(monkeypatch: pytest.MonkeyPatch, *options: str) -> int:
+    """`lisa-unseen` in this process."""
+    monkeypatch.setattr("sys.argv", ["lisa-unseen", *options])
+    return main()
+
+
 def dataset_of(root: Path, instructions: list[str]) -> Path:
     features = {"observation.state": tiny_datasets.STATE, "action": tiny_datasets.MOVE}
     frame = {key: np.zeros((1, *feature["shape"]), np.float32) for key, feature in features.items()}
@@ -59,21 +65,25 @@ def test_report_counts_every_mission() -> None:
     assert "interval" not in "".join(report(labelled, frozenset(), drawn=False))
 
 
-def test_command_of_a_level(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_of_a_level(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     known = [mission for mission, _ in draw_missions("GoToLocal", 4, 1000)]
     root = dataset_of(tmp_path / "data", known)
 
-    assert main([f"--dataset.root={root}", "--level=GoToLocal", "--n=4"]) == 0
+    assert run_main(monkeypatch, f"--dataset.root={root}", "--level=GoToLocal", "--n=4") == 0
 
     printed = capsys.readouterr().out
     assert "0/4" in printed
     assert "seeds 1000 to 1003" in printed
 
 
-def test_command_of_a_suite(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_of_a_suite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     root = dataset_of(tmp_path / "data", ["close drawer", "open drawer", "shut drawer"])
 
-    assert main([f"--dataset.root={root}", "--suite=rephrasals"]) == 0
+    assert run_main(monkeypatch, f"--dataset.root={root}", "--suite=rephrasals") == 0
 
     printed = capsys.readouterr().out
     assert "4 of 6  unseen, of seen" in printed
@@ -88,12 +98,20 @@ def test_command_of_a_suite(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         (["--dataset.root={data}", "--level=GoToLocl", "--n=3"], "did you mean GoToLocal"),
         (["--dataset.root={data}", "--level=GoToLocal", "--n=0"], "--n=0"),
         (["--dataset.root={data}", "--level=GoToLocal", "--seed=999999"], "--seed=999999"),
+        (["--dataset.root={data}"], "give either --level, of BabyAI, or --suite, of LOReL"),
+        (["--dataset.root={data}", "--suite=seen", "--level=GoToLocal"], "give either --level"),
+        (["--dataset.root={data}", "--suite=sen"], "--suite=sen: choose from seen, rephrasals"),
+        (["--level=GoToLocal"], "--dataset.root is missing"),
     ],
 )
 def test_mistakes_take_one_line(
-    arguments: list[str], said: str, symbolic: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    said: str,
+    symbolic: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main([argument.format(data=symbolic) for argument in arguments]) == 1
+    assert run_main(monkeypatch, *(argument.format(data=symbolic) for argument in arguments)) == 1
 
     printed = capsys.readouterr().err.strip().splitlines()[-1]
     assert printed.startswith("error: ")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from lerobot_lisa.analysis.statistics.words import contributions, lift, pointwise_information, word_table
+from lerobot_lisa.analysis.skills.words import contributions, lift, pointwise_information, word_table
 
 COUNTS = arrays(np.int64, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.integers(0, 50))
 EXCLUSIVE = np.array([[40, 0], [0, 40], [40, 40]])  # "red" with skill 0 only, "blue" with 1 only, "the" with both

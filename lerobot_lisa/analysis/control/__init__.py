@@ -1,1 +1,1 @@
-"""Steering a LISA policy by its skill codes: fixed codes, plans, and what each code does to each task."""
+"""Can it be steered? Fixed skill codes, plans of them, and what each code does to each task."""

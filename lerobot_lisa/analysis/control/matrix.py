@@ -1,18 +1,16 @@
 """What every skill code does to every task when the whole episode follows it (paper, "Behavior with fixed skills")."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from lerobot_lisa.analysis.control.steering import lisa_config, steered
-from lerobot_lisa.analysis.figures.heat_map import heat_map
-from lerobot_lisa.analysis.figures.plot import Plot
-from lerobot_lisa.analysis.figures.style import styled
-from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load
+from lerobot_lisa.analysis.drawing import Grid, Plot, heat_map, styled
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, code_labels, load, steered
 from lerobot_lisa.analysis.recording.record import record
-from lerobot_lisa.analysis.statistics.breakdown import by_task
+from lerobot_lisa.analysis.success.breakdown import by_task
 
 OWN, RANDOM = "own", "rand."
 _TITLE = "Success of every task under every skill code"
@@ -30,7 +28,7 @@ def measure(config: EvaluationConfig) -> pd.DataFrame:
     Every code's evaluation is a trace of its own in `config.output_dir`, so that an interrupted matrix goes on.
 
     Returns:
-        Columns `task`, `code` ("own", "0", "1", ...) and those of `breakdown.rates`.
+        Columns `task`, `code` ("own", and the codes' labels: "0", "1", ...) and those of `success.rates`.
 
     Raises:
         UserError: The policy has no skill codes, or the evaluation cannot work.
@@ -38,13 +36,14 @@ def measure(config: EvaluationConfig) -> pd.DataFrame:
     from lerobot.envs import make_env
 
     evaluation = load(steered(config, None))
+    plans: dict[str, str | None] = {OWN: None}
+    plans |= {label: str(code) for code, label in enumerate(code_labels(evaluation.policy))}
     tables = []
-    for code in tqdm([OWN, *map(str, range(lisa_config(config).codebook_size))], unit="code", disable=None):
-        plan = None if code == OWN else code
+    for code, plan in tqdm(plans.items(), unit="code", disable=None):
         evaluation.policy.follow(plan)
         envs = make_env(config.env, n_envs=config.batch_size, use_async_envs=config.use_async_envs)
-        again = evaluation._replace(envs=envs)
-        trace = record(steered(config, plan), config.output_dir / f"skill_{code}", evaluation=again)
+        again, folder = evaluation._replace(envs=envs), config.output_dir / f"skill_{plan or OWN}"
+        trace = record(steered(config, plan), folder, evaluation=again)
         tables.append(by_task(trace).rename(columns={"part": "task"}).assign(code=code))
     return pd.concat(tables, ignore_index=True)
 
@@ -61,22 +60,15 @@ def matrix_plot(table: pd.DataFrame, sample: str) -> Plot:
     floor = table.drop_duplicates("task").set_index("task")["random_actions"]
     if floor.notna().any():
         percent.insert(1, RANDOM, floor)
+    axes = ("task", "one skill code for the whole episode")
+    grid = Grid(percent.to_numpy(np.float64), list(percent.index), list(percent.columns), axes, "success (%)")
     with styled():
-        figure = heat_map(
-            percent.to_numpy(np.float64),
-            list(percent.index),
-            list(percent.columns),
-            ("task", "one skill code for the whole episode"),
-            "success (%)",
-            _TITLE,
-            sample,
-            highest=100,
-        )
+        figure = heat_map(grid, _TITLE, sample, highest=100)
     return Plot("skill_matrix", _TITLE, figure, table, READING)
 
 
-def lines(table: pd.DataFrame) -> Iterator[str]:
-    """For each task its best code beside the policy's own choice and random actions."""
+def said(table: pd.DataFrame) -> Iterator[str]:
+    """For each task a line: its best code beside the policy's own choice and random actions."""
     for task, rows in table.groupby("task", sort=False):
         own, alone = rows[rows["code"] == OWN].iloc[0], rows[rows["code"] != OWN]
         best = alone.loc[alone["percent"].idxmax()]
@@ -84,5 +76,5 @@ def lines(table: pd.DataFrame) -> Iterator[str]:
         yield f"{task}: best alone is code {best['code']}, {_rate(best)}; own codes {_rate(own)}{beside}"
 
 
-def _rate(row: pd.Series) -> str:
+def _rate(row: Any) -> str:
     return f"{row['percent']:.1f} % ({row['low']:.1f} to {row['high']:.1f}, n = {row['episodes']})"

@@ -12,24 +12,21 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 
-from lerobot.configs import parser
-from lerobot.utils.import_utils import register_third_party_plugins
-
+from lerobot_lisa.analysis import drawing
+from lerobot_lisa.analysis.commands import check_number, run_command
 from lerobot_lisa.analysis.control import matrix
-from lerobot_lisa.analysis.control.steering import lisa_config, steered
 from lerobot_lisa.analysis.control.videos import VideoWriter
-from lerobot_lisa.analysis.figures import plot
-from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, lisa_config, steered
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import KEY, Trace
-from lerobot_lisa.analysis.statistics.breakdown import by_task, task_names
-from lerobot_lisa.errors import UserError, exit_code
+from lerobot_lisa.analysis.success import breakdown
+from lerobot_lisa.errors import UserError
 
 ALL = "all"
 _LISTED = 10  # episodes of each task that are printed
 
 
-@dataclass
+@dataclass(kw_only=True)
 class RolloutConfig(EvaluationConfig):
     """What to run, and which skill codes to follow."""
 
@@ -55,18 +52,17 @@ class RolloutConfig(EvaluationConfig):
         super().__post_init__()
         if self.skill is not None and self.plan is not None:
             raise UserError("--skill and --plan exclude each other: a plan of one code is --skill")
-        if self.skill not in (None, ALL) and not self.skill.isdecimal():
-            raise UserError(f"--skill={self.skill}: give one skill code, such as 14, or all; for several use --plan")
-        if self.n_videos < 0:
-            raise UserError("--n_videos must be at least 0")
+        if self.skill not in (None, ALL) and not (self.skill.isdecimal() and len(self.skill) < 10):
+            shown = drawing.clip(self.skill)
+            raise UserError(f"--skill={shown}: give one skill code, such as 14, or all; for several use --plan")
+        check_number("n_videos", self.n_videos, 0, 1_000_000)
         if self.skill == ALL:
             lisa_config(self)
 
 
 def main() -> int:
     """Command line; returns the exit code."""
-    register_third_party_plugins()
-    return exit_code(parser.wrap()(run), interrupted="interrupted; run the same command again to go on")
+    return run_command(run)
 
 
 def run(config: RolloutConfig) -> None:
@@ -90,15 +86,16 @@ def _run_matrix(config: RolloutConfig) -> None:
     table = matrix.measure(config)
     sample = f"n = {config.n_episodes} each, seeds {config.seed} to {config.seed + config.n_episodes - 1}"
     drawn = matrix.matrix_plot(table, sample)
-    plot.write(drawn, config.output_dir)
-    print(*matrix.lines(table), sep="\n")
+    with drawing.styled():
+        drawing.write(drawn, config.output_dir)
+    print(*matrix.said(table), sep="\n")
     print(drawn.reading)
     print(config.output_dir / f"{drawn.name}.png")
 
 
 def summary(trace: Trace) -> Iterator[str]:
     """Lines about the first episodes of each task, what codes they followed, and the success rate of each task."""
-    names = task_names(trace)
+    names = breakdown.task_names(trace)
     codes = trace.steps.groupby(KEY, sort=False, observed=True)["code"]
     followed = {key: as_plan(part.dropna()) for key, part in codes}
     for row in trace.episodes.itertuples():
@@ -106,12 +103,7 @@ def summary(trace: Trace) -> Iterator[str]:
             ended = "success" if row.success else "failure"
             path = followed[row.group, row.task_id, row.episode] or "no skill codes"
             yield f"{names[row.group, row.task_id]}  seed {row.seed}  {ended} after {row.steps} steps  {path}"
-    for rate in by_task(trace).itertuples():
-        beside = "" if rate.random_actions != rate.random_actions else f"; random actions {rate.random_actions:.1f} %"
-        yield (
-            f"{rate.part}: {rate.percent:.1f} % success ({rate.successes}/{rate.episodes}; 95 % interval "
-            f"{rate.low:.1f} to {rate.high:.1f}{beside})"
-        )
+    yield from breakdown.said(breakdown.by_task(trace))
 
 
 def as_plan(codes: Iterable[int]) -> str:

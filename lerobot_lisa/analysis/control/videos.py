@@ -47,8 +47,7 @@ class VideoWriter:
         from lerobot.utils.io_utils import write_video
 
         frames = [*self._films.pop(index), captioned(render(moment.env, index), "end")]
-        group, task_id, first = moment.batch
-        path = self._folder / f"{group}_{task_id}" / f"episode_{first + index}.mp4"
+        path = self._folder / moment.batch.folder / f"episode_{moment.batch.first + index}.mp4"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_video(path, frames, moment.env.unwrapped.metadata["render_fps"])
 

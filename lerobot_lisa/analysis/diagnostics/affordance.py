@@ -8,13 +8,12 @@ from functools import partial
 
 import pandas as pd
 
-from lerobot_lisa.analysis.control.steering import lisa_config
 from lerobot_lisa.analysis.diagnostics.meanings import instructions_about
 from lerobot_lisa.analysis.diagnostics.worlds import side_by_side
-from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, lisa_config, load
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import Trace
-from lerobot_lisa.analysis.success import success_rate
+from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
 from lerobot_lisa.envs.lorel.tasks import Task
 from lerobot_lisa.errors import UserError
@@ -57,8 +56,8 @@ def table(trace: Trace, code: int) -> pd.DataFrame:
 
     `unknown` lists words that a word-level policy has not learned: to it they are all the same one.
     """
-    vocabulary = trace.facts["policy"].get("vocabulary")
-    kinds = {text: kind for kind, listed in trace.facts["instructions"].items() for text in listed}
+    vocabulary = trace.origin["policy"].get("vocabulary")
+    kinds = {text: kind for kind, listed in trace.origin["instructions"].items() for text in listed}
     rows = []
     for task_id, steps in trace.steps.groupby("task_id", sort=True):
         chosen = (steps["code"] == code).groupby(steps["episode"])

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pandas as pd
 
-from lerobot_lisa.analysis import lorel_tasks
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import Trace
-from lerobot_lisa.analysis.statistics.breakdown import rates
-from lerobot_lisa.analysis.success import SuccessRate, success_rate
+from lerobot_lisa.analysis.success.rates import SuccessRate, rates, success_rate
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
+from lerobot_lisa.envs.lorel.groups import tasks_of
+from lerobot_lisa.envs.lorel.tasks import Task
 from lerobot_lisa.errors import UserError
 
 READING = (
@@ -43,9 +43,8 @@ def table(trace: Trace) -> pd.DataFrame:
         first skill code is that of the seen wording in the same episode; nan for a policy without codes. The last row
         is about the seen wordings of other tasks: what agreement there is anyway.
     """
-    tasks = [lorel_tasks.find_task(key) for key in zip(trace.episodes["group"], trace.episodes["task_id"], strict=True)]
-    kinds = [task.kind for task in tasks if task]
-    success = rates(trace.episodes, kinds)
+    kinds = [task.kind for task in _tasks(trace.episodes)]
+    success = rates(trace.episodes, kinds, trace.world)
     if not trace.has_codes:
         return success.assign(same_code=float("nan"), same_code_low=float("nan"), same_code_high=float("nan"))
     agreement = {kind: success_rate(agreed) for kind, agreed in _agreement(trace).items()}
@@ -57,11 +56,15 @@ def table(trace: Trace) -> pd.DataFrame:
     )
 
 
+def _tasks(rows: pd.DataFrame) -> list[Task]:
+    return [tasks_of(group)[task_id] for group, task_id in zip(rows["group"], rows["task_id"], strict=True)]
+
+
 def _agreement(trace: Trace) -> dict[str, list[bool]]:
     """By row of the table, whether first codes are those of a seen wording with the same seed."""
     first = trace.steps[trace.steps["step"] == 0]
-    tasks = [lorel_tasks.find_task(key) for key in zip(first["group"], first["task_id"], strict=True)]
-    first = first.assign(kind=[task.kind for task in tasks if task], means=[task.parts[0] for task in tasks if task])
+    tasks = _tasks(first)
+    first = first.assign(kind=[task.kind for task in tasks], means=[task.parts[0] for task in tasks])
     seen = first.loc[first["kind"] == _SEEN, ["seed", "means", "code"]]
     pairs = first.merge(seen, on="seed", suffixes=("", "_seen"))
     same_task = pairs["means"] == pairs["means_seen"]

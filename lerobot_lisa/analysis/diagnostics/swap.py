@@ -14,7 +14,7 @@ from lerobot_lisa.analysis.diagnostics.worlds import GOALS, GoalWatcher, side_by
 from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, load
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import KEY
-from lerobot_lisa.analysis.success import success_rate
+from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
 from lerobot_lisa.envs.lorel.groups import find_groups

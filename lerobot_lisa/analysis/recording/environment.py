@@ -1,5 +1,6 @@
 """Notes every step of environments while somebody else, LeRobot's evaluation, runs a policy in them."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from hashlib import blake2b
 from typing import Any, NamedTuple, Protocol
@@ -25,6 +26,13 @@ class Batch(NamedTuple):
     group: str
     task_id: int
     first: int
+
+    @property
+    def folder(self) -> str:
+        """A name for the task's files, whatever its group is called, "../../escape" included."""
+        plain = re.sub(r"[^\w.-]", "_", self.group).lstrip(".")[:80]
+        told_apart = "" if plain == self.group else "_" + blake2b(self.group.encode(), digest_size=4).hexdigest()
+        return f"{plain}{told_apart}_{self.task_id}"
 
 
 class Moment(NamedTuple):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from copy import deepcopy
+from copy import copy, deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,24 +11,50 @@ import pyarrow as pa
 from lerobot.configs import PreTrainedConfig, parser
 from lerobot.envs.configs import EnvConfig
 
+from lerobot_lisa.analysis.commands import check_number
 from lerobot_lisa.analysis.recording.environment import Batch, RecordingEnv, Watcher
 from lerobot_lisa.analysis.recording.traces import EPISODES, KEY
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.networks.skill_plan import read_plan
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 if TYPE_CHECKING:
     from lerobot_lisa.policies.base_modeling import EpisodePolicy
 
 
-@dataclass
-class EvaluationConfig:
+@dataclass(kw_only=True)
+class CheckpointConfig:
+    """Which checkpoint; options are called as in `lerobot-eval`, with all of `--policy.*`."""
+
+    policy: PreTrainedConfig | None = None
+    """Checkpoint, from `--policy.path`, with overrides."""
+
+    def __post_init__(self) -> None:
+        """Read the checkpoint's configuration, as `lerobot-eval` does."""
+        if path := parser.get_path_arg("policy"):
+            self.policy = load_config(path, parser.get_cli_overrides("policy") or [])
+        if self.policy is None or not self.policy.pretrained_path:
+            raise UserError("--policy.path is missing: name a checkpoint's folder (pretrained_model) or its Hub id")
+
+    @property
+    def checkpoint(self) -> str:
+        """The policy's folder or Hub id."""
+        assert self.policy is not None  # refused above
+        return str(self.policy.pretrained_path)
+
+    @classmethod
+    def __get_path_fields__(cls) -> list[str]:
+        """LeRobot's parser takes `--policy.path` out before draccus sees it."""
+        return ["policy"]
+
+
+@dataclass(kw_only=True)
+class EvaluationConfig(CheckpointConfig):
     """What to evaluate; options are called as in `lerobot-eval`, with all of `--policy.*` and `--env.*`."""
 
     env: EnvConfig
     """Environment, by `--env.type` and what belongs to it."""
-
-    policy: PreTrainedConfig | None = None
-    """Checkpoint, from `--policy.path`, with overrides."""
 
     n_episodes: int = 50
     """Episodes of each task."""
@@ -46,25 +72,49 @@ class EvaluationConfig:
     """Where everything goes; an evaluation found there is used, or gone on with, if it is the same."""
 
     def __post_init__(self) -> None:
-        """Read the checkpoint's configuration, as `lerobot-eval` does, and refuse what cannot work."""
-        if path := parser.get_path_arg("policy"):
-            self.policy = load_config(path, parser.get_cli_overrides("policy") or [])
-        if self.policy is None or not self.policy.pretrained_path:
-            raise UserError("--policy.path is missing: name a checkpoint's folder (pretrained_model) or its Hub id")
-        if self.n_episodes < 1 or self.batch_size < 1 or self.seed < 0:
-            raise UserError("--n_episodes and --batch_size must be at least 1, --seed at least 0")
+        """Refuse what cannot work."""
+        super().__post_init__()
+        check_number("n_episodes", self.n_episodes, 1, 1_000_000)
+        check_number("batch_size", self.batch_size, 1, 10_000)
+        check_number("seed", self.seed, 0, 2**32 - self.n_episodes)  # what NumPy's global seed can be
         self.batch_size = min(self.batch_size, self.n_episodes)
 
-    @property
-    def checkpoint(self) -> str:
-        """The policy's folder or Hub id."""
-        assert self.policy is not None  # refused above
-        return str(self.policy.pretrained_path)
 
-    @classmethod
-    def __get_path_fields__(cls) -> list[str]:
-        """LeRobot's parser takes `--policy.path` out before draccus sees it."""
-        return ["policy"]
+def lisa_config(config: CheckpointConfig) -> LisaConfig:
+    """The checkpoint's configuration.
+
+    Raises:
+        UserError: It is no LISA policy or one with continuous skills, so there are no skill codes.
+    """
+    if isinstance(config.policy, LisaConfig):
+        if config.policy.continuous_skills:
+            raise UserError(f"--policy.path={config.checkpoint} has continuous skills: there are no skill codes")
+        return config.policy
+    kind = config.policy.type if config.policy else "no"
+    raise UserError(f"--policy.path={config.checkpoint} is a {kind} policy: only lisa policies have skill codes")
+
+
+def steered[Config: CheckpointConfig](config: Config, plan: str | None) -> Config:
+    """The same policy under a plan of skill codes, such as "14" or "14*20,2*20"; None: under its skill predictor.
+
+    Raises:
+        UserError: The policy has no skill codes, or not those of the plan.
+    """
+    policy = lisa_config(config)
+    if plan is not None:
+        read_plan(plan, policy.codebook_size)
+    changed = copy(config)
+    changed.policy = deepcopy(policy)
+    changed.policy.skill_plan = plan
+    return changed
+
+
+def code_labels(policy: Any) -> list[str]:
+    """What a policy's K skill codes are called: their words, such as "3 red ball", or numbers; none if it has none."""
+    if policy.config.type != "lisa" or policy.config.continuous_skills:
+        return []
+    size = getattr(policy, "n_codes", policy.config.codebook_size)
+    return getattr(policy, "code_labels", None) or [str(code) for code in range(size)]
 
 
 def load_config(path: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig:

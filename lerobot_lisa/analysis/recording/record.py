@@ -16,11 +16,12 @@ from tqdm import tqdm
 
 from lerobot_lisa.analysis.recording import traces
 from lerobot_lisa.analysis.recording.environment import Batch, Watcher
-from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, load, run_batch
+from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, code_labels, load, run_batch
 from lerobot_lisa.analysis.recording.traces import EPISODES, EPISODES_FILE, STEPS, STEPS_FILE, Trace
 from lerobot_lisa.errors import UserError
 
 NOTE, _LOCK = "evaluation.json", "lock"
+_SCHEMAS = {EPISODES_FILE: EPISODES, STEPS_FILE: STEPS}
 
 
 def record(
@@ -76,16 +77,20 @@ def _record_batches(
     parts = folder / "parts"
     parts.mkdir(exist_ok=True)
     batches = _batches(config, evaluation)
+    codes = code_labels(evaluation.policy)
+    # Numbered: a task group may be called anything, "../../escape" included.
+    files = {name: [parts / f"{number:06d}.{name}" for number in range(len(batches))] for name in _SCHEMAS}
     for number, batch in enumerate(tqdm(batches, desc="evaluating", unit="batch", disable=None)):
-        if _steps_file(parts, batch).is_file():
+        if files[STEPS_FILE][number].is_file():
             continue
         steps, episodes = run_batch(config, evaluation, batch, number, watchers)
-        traces.write(episodes, _episodes_file(parts, batch), facts)
-        traces.write(steps, _steps_file(parts, batch), facts)  # last: it says that the batch is done
+        traces.write(episodes, files[EPISODES_FILE][number], facts)
+        traces.write(steps, files[STEPS_FILE][number], facts)  # last: it says that the batch is done
         if batch.first + config.batch_size >= config.n_episodes:
             evaluation.envs[batch.group][batch.task_id].close()
-    _join([_episodes_file(parts, batch) for batch in batches], EPISODES, folder / EPISODES_FILE, facts)
-    _join([_steps_file(parts, batch) for batch in batches], STEPS, folder / STEPS_FILE, facts)
+    for name, schema in _SCHEMAS.items():  # the steps come last: they say that the evaluation is done
+        tables = [traces.read_table(part, schema)[0] for part in files[name]]
+        traces.write(traces.concatenate(tables, schema), folder / name, {**facts, "codes": codes})
     shutil.rmtree(parts)
 
 
@@ -93,19 +98,6 @@ def _batches(config: EvaluationConfig, evaluation: Evaluation) -> list[Batch]:
     """All batches, in the order in which `lerobot-eval` runs them."""
     tasks = [(group, task_id) for group, envs in evaluation.envs.items() for task_id in envs]
     return [Batch(*task, first) for task in tasks for first in range(0, config.n_episodes, config.batch_size)]
-
-
-def _steps_file(parts: Path, batch: Batch) -> Path:
-    return parts / f"{batch.group}_{batch.task_id:04d}_{batch.first:06d}.{STEPS_FILE}"
-
-
-def _episodes_file(parts: Path, batch: Batch) -> Path:
-    return parts / f"{batch.group}_{batch.task_id:04d}_{batch.first:06d}.{EPISODES_FILE}"
-
-
-def _join(parts: Sequence[Path], schema: Any, output: Path, facts: Mapping[str, Any]) -> None:
-    tables = [traces.read_table(part, schema)[0] for part in parts]
-    traces.write(traces.concatenate(tables, schema), output, facts)
 
 
 @contextmanager

@@ -58,17 +58,27 @@ class Trace:
     Attributes:
         steps: Columns of `STEPS`.
         episodes: Columns of `EPISODES`.
-        facts: How it came about: policy, environment, seeds (see `record.describe`).
+        origin: How it came about: policy, environment, seeds (see `record.describe`), names of the skill codes.
     """
 
     steps: pd.DataFrame
     episodes: pd.DataFrame
-    facts: Mapping[str, Any]
+    origin: Mapping[str, Any]
 
     @property
     def has_codes(self) -> bool:
         """Whether the policy has skill codes."""
         return bool(self.steps["code"].notna().any())
+
+    @property
+    def code_labels(self) -> list[str]:
+        """What the K skill codes are called; numbers in traces that do not say it."""
+        return self.origin.get("codes") or [str(code) for code in range(self.origin["policy"]["codebook_size"])]
+
+    @property
+    def world(self) -> str | None:
+        """`--env.type`."""
+        return self.origin["env"].get("type")
 
 
 def write(table: pa.Table, path: Path, facts: Mapping[str, Any]) -> None:

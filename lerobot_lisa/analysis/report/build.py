@@ -1,74 +1,67 @@
-"""Makes a report from a trace: figures in a folder, and the page that shows them."""
+"""Strings the questions together: from a trace to a page and its figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
-from lerobot_lisa.analysis.recording.frames import Example
-from lerobot_lisa.analysis.recording.traces import Trace
-from lerobot_lisa.analysis.report import contents
-from lerobot_lisa.analysis.report.page import FIGURES, Section, pictures, render
-from lerobot_lisa.analysis.report.training_data import TrainingData
-from lerobot_lisa.analysis.statistics.information import PERMUTATIONS
+from lerobot_lisa.analysis.material import Material
+from lerobot_lisa.analysis.report.page import FIGURES, draw, render
+from lerobot_lisa.analysis.skills import answers as skills
+from lerobot_lisa.analysis.success import breakdown as success
 
 PAGE = "report.html"
+_POLICIES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
+_WORLDS = {"babyai": "BabyAI", "lorel": "LOReL"}
 
 
-def build(
-    folder: Path,
-    trace: Trace,
-    data: TrainingData,
-    examples: Sequence[Example] = (),
-    permutations: int = PERMUTATIONS,
-    font: Path | None = None,
-) -> list[tuple[str, str, str]]:
+def build(folder: Path, material: Material) -> list[tuple[str, str, str]]:
     """Write `report.html` and `figures/` into a folder.
-
-    Args:
-        folder: Exists.
-        trace: The evaluation.
-        data: Of the training, for what was seen in it and for the names of actions.
-        examples: Frames of chunks.
-        permutations: Of instructions, to see what chance gives.
-        font: TrueType file for word clouds; None: DejaVu Sans.
 
     Returns:
         The numbers at the top of the page: name, number, what it means.
 
     Raises:
-        UserError: The font is none, or a library is missing.
+        UserError: A library is missing.
     """
-    skills = contents.skills_of(trace, permutations) if trace.has_codes else None
-    drawn = pictures(contents.success_plots(trace, data), folder / FIGURES, with_tables=True)
-    sections = [Section("success", "Success", data.note, drawn)]
-    if skills is None:
-        sections.append(Section("skills", "Skills", contents.NO_SKILLS[trace.facts["policy"]["type"]], []))
-    else:
-        sections += _about_skills(folder / FIGURES, trace, skills, data, examples, permutations, font)
-    numbers = contents.key_numbers(trace, skills)
+    sections = draw([success.answer(material), *skills.answers(material)], folder / FIGURES)
+    numbers = [number for section in sections for number in section.answer.numbers]
     page = render(
-        sections,
-        title=contents.title(trace),
-        subtitle=contents.subtitle(trace),
-        key_numbers=numbers,
-        origin=contents.origin(trace, data),
+        sections, title=_title(material), subtitle=_subtitle(material), key_numbers=numbers, origin=_origin(material)
     )
     (folder / PAGE).write_text(page, encoding="utf-8")
     return numbers
 
 
-def _about_skills(
-    folder: Path,
-    trace: Trace,
-    skills: contents.Skills,
-    data: TrainingData,
-    examples: Sequence[Example],
-    permutations: int,
-    font: Path | None,
-) -> Iterator[Section]:
-    drawn = pictures(contents.choice_plots(trace, skills, data), folder)
-    yield Section("codes", "Codes", contents.about_codes(trace), drawn)
-    drawn = pictures(contents.information_plots(trace, skills, permutations), folder)
-    yield Section("information", "Language and codes", contents.INFORMATION, drawn)
-    yield Section("words", "Words and skills", contents.WORDS, pictures(contents.word_plots(trace, skills), folder))
-    drawn = pictures(contents.skill_plots(skills, examples, font), folder)
-    yield Section("skills", "Skill by skill", contents.SKILLS, drawn, contents.skill_facts(skills))
+def _title(material: Material) -> str:
+    policy, world = material.trace.origin["policy"]["type"], str(material.trace.world)
+    return f"{_POLICIES[policy]} on {_WORLDS.get(world, world)} {material.task}"
+
+
+def _subtitle(material: Material) -> str:
+    """What was counted."""
+    episodes, steps = material.trace.episodes, len(material.trace.steps)
+    seeds, tasks = episodes["seed"], len(episodes.groupby(["group", "task_id"], observed=True))
+    of_tasks = "" if tasks == 1 else f" of {tasks} tasks"
+    return (
+        f"{len(seeds):,} episodes{of_tasks} with seeds {seeds.min()} to {seeds.max()}, "
+        f"{episodes['instruction'].nunique():,} different instructions, {steps:,} steps."
+    )
+
+
+def _origin(material: Material) -> list[tuple[str, str]]:
+    """How the report can be made again: name and value."""
+    origin = material.trace.origin
+    environment = {key: value for key, value in origin["env"].items() if isinstance(value, (str, int, float))}
+    options = {name: origin[name] for name in ("n_episodes", "batch_size", "seed")}
+    return [
+        ("Checkpoint", origin["policy_path"]),
+        ("Weights, SHA-256", str(origin["weights_sha256"])),
+        ("Environment", _listed(environment, "=")),
+        ("Evaluation", _listed(options, "=")),
+        ("Action temperature", str(origin["policy"]["action_temperature"])),
+        ("Training data", material.data.note),
+        ("Versions", _listed(origin["versions"], " ")),
+    ]
+
+
+def _listed(values: Mapping[str, object], between: str) -> str:
+    return ", ".join(f"{name}{between}{value}" for name, value in values.items())

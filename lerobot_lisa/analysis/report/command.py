@@ -10,36 +10,30 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from lerobot.configs import parser
-from lerobot.utils.import_utils import register_third_party_plugins
-
+from lerobot_lisa.analysis import training_data
+from lerobot_lisa.analysis.commands import check_number, run_command
+from lerobot_lisa.analysis.material import PERMUTATIONS, Material
 from lerobot_lisa.analysis.recording import frames
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
 from lerobot_lisa.analysis.recording.frames import FrameCollector
 from lerobot_lisa.analysis.recording.record import NOTE, record
 from lerobot_lisa.analysis.recording.traces import Trace
-from lerobot_lisa.analysis.report import training_data
 from lerobot_lisa.analysis.report.build import FIGURES, PAGE, build
-from lerobot_lisa.analysis.statistics.information import PERMUTATIONS
-from lerobot_lisa.errors import UserError, exit_code
+from lerobot_lisa.analysis.skills.sheets import check_font
+from lerobot_lisa.analysis.training_data import DatasetOptions
+from lerobot_lisa.errors import UserError
 
 TRACE = "trace"
 
 
-@dataclass
-class DatasetOptions:
-    """The training data."""
-
-    root: Path | None = None
-    """Their folder, if they are no longer where the checkpoint's `train_config.json` says."""
-
-
-@dataclass
+@dataclass(kw_only=True)
 class ReportConfig(EvaluationConfig):
     """What to evaluate and how to report it."""
 
     dataset: DatasetOptions = field(default_factory=DatasetOptions)
-    """The training data, which tell which instructions were seen."""
+    """The training data, if they are no longer where the checkpoint's `train_config.json` says: they tell which
+    instructions were seen.
+    """
 
     examples: int = 2
     """Strips of frames for each skill, 0 for none."""
@@ -53,16 +47,15 @@ class ReportConfig(EvaluationConfig):
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
         super().__post_init__()
-        if self.examples < 0 or self.permutations < 20:
-            raise UserError("--examples must be at least 0 and --permutations at least 20")
-        if self.font is not None and not self.font.is_file():
-            raise UserError(f"--font={self.font}: no such file: give a .ttf or .otf file")
+        check_number("examples", self.examples, 0, 100)
+        check_number("permutations", self.permutations, 20, 100_000)
+        if self.font is not None:
+            check_font(self.font)
 
 
 def main() -> int:
     """Command line; returns the exit code."""
-    register_third_party_plugins()
-    return exit_code(parser.wrap()(report), interrupted="interrupted; run the same command again to go on")
+    return run_command(report)
 
 
 def report(config: ReportConfig) -> None:
@@ -75,10 +68,9 @@ def report(config: ReportConfig) -> None:
     _check_folder(config.output_dir)
     trace = _record(config)
     with TemporaryDirectory(dir=config.output_dir, prefix=".building_") as folder:
-        building = Path(folder)
         examples = frames.read(config.output_dir / TRACE, config.examples)
-        numbers = build(building, trace, data, examples, config.permutations, config.font)
-        _move_in_place(building, config.output_dir)
+        numbers = build(Path(folder), Material(trace, data, examples, config.permutations, config.font))
+        _move_in_place(Path(folder), config.output_dir)
     for name, number, meaning in numbers:
         print(f"{name}: {number} ({meaning})")
     print(config.output_dir / PAGE)

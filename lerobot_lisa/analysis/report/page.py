@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from lerobot_lisa.analysis.figures.plot import Plot, write
-from lerobot_lisa.analysis.figures.style import DPI, styled
+from lerobot_lisa.analysis.drawing import DPI, Plot, clip, styled, write
+from lerobot_lisa.analysis.material import Answer, Heading
 from lerobot_lisa.errors import UserError
 
 FIGURES = "figures"
@@ -26,6 +26,7 @@ class Picture:
         source: The PNG, as a data URI.
         width: On the page, in CSS pixels.
         height: On the page.
+        heading: Above it; None: it has none.
         table: Numbers shown as text; None: they are in the CSV only.
     """
 
@@ -35,50 +36,45 @@ class Picture:
     source: str
     width: int
     height: int
+    heading: Heading | None = None
     table: pd.DataFrame | None = None
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page.
+    """A question's answer, drawn."""
 
-    Attributes:
-        name: For links.
-        title: Heading.
-        introduction: A sentence or two below it.
-        pictures: Its figures.
-        heads: One for each figure where a figure has a heading of its own, else empty.
-    """
-
-    name: str
-    title: str
-    introduction: str
+    answer: Answer
     pictures: Sequence[Picture]
-    heads: Sequence[Any] = ()
 
 
-def pictures(plots: Iterable[Plot], folder: Path, with_tables: bool = False) -> list[Picture]:
+def draw(answers: Iterable[Answer], folder: Path) -> list[Section]:
     """Draw and write figures one after the other, and keep of each what the page needs."""
     folder.mkdir(parents=True, exist_ok=True)
-    kept = []
     with styled():
-        for plot in plots:  # drawn here, so that a hundred figures are never in memory together
-            write(plot, folder)
-            kept.append(_picture(plot, folder, plot.table if with_tables else None))
+        return [Section(answer, _pictures(answer, folder)) for answer in answers]
+
+
+def _pictures(answer: Answer, folder: Path) -> list[Picture]:
+    kept = []
+    for number, plot in enumerate(answer.plots):
+        write(plot, folder)
+        heading = answer.headings[number] if answer.headings else None
+        kept.append(_picture(plot, folder, heading, plot.table if answer.as_text else None))
     return kept
 
 
-def _picture(plot: Plot, folder: Path, table: pd.DataFrame | None) -> Picture:
+def _picture(plot: Plot, folder: Path, heading: Heading | None, table: pd.DataFrame | None) -> Picture:
     from PIL import Image
 
     path = folder / f"{plot.name}.png"
     with Image.open(path) as drawn:
         width, height = (round(side * 96 / DPI) for side in drawn.size)
     source = f"data:image/png;base64,{b64encode(path.read_bytes()).decode()}"
-    return Picture(plot.name, plot.title, plot.reading, source, width, height, table)
+    return Picture(plot.name, plot.title, plot.reading, source, width, height, heading, table)
 
 
-def render(sections: Sequence[Section], **facts: Any) -> str:
+def render(sections: Sequence[Section], **more: Any) -> str:
     """The page as HTML.
 
     Raises:
@@ -95,4 +91,5 @@ def render(sections: Sequence[Section], **facts: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("page.html.j2").render(sections=sections, figures=FIGURES, **facts)
+    environment.filters["clip"] = clip
+    return environment.get_template("page.html.j2").render(sections=sections, figures=FIGURES, **more)

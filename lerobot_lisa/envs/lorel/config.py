@@ -13,10 +13,12 @@ from lerobot.envs.utils import _LazyAsyncVectorEnv, freeze_after_episode_end
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_STATE
 
+from lerobot_lisa.envs.known_tasks import KnownTask
 from lerobot_lisa.envs.lorel.facts import TellFacts
 from lerobot_lisa.envs.lorel.groups import find_groups
 from lerobot_lisa.envs.lorel.installation import check_installed
 from lerobot_lisa.envs.lorel.observations import check_obs_type, shows_pixels, shows_state
+from lerobot_lisa.envs.lorel.random_floor import known_task
 from lerobot_lisa.envs.lorel.state import ACTION_NAMES, FPS, STATE_NAMES
 from lerobot_lisa.envs.lorel.tasks import Task
 from lerobot_lisa.errors import UserError
@@ -101,6 +103,11 @@ class LorelEnvConfig(EnvConfig):
         """LeRobot's hook between environment and policy: tells the policy what it is shown."""
         facts = TellFacts(self.arm, self.image_quality if shows_pixels(self.obs_type) else None)
         return PolicyProcessorPipeline(steps=[facts]), PolicyProcessorPipeline(steps=[])
+
+    @staticmethod
+    def known_task(group: str, task_id: int) -> KnownTask | None:
+        """What is known of a task: see `lerobot_lisa.envs.known_tasks`."""
+        return known_task(group, task_id)
 
     def _factory(self, task: Task) -> partial:
         from lerobot_lisa.envs.lorel.env import LorelEnv

@@ -206,7 +206,7 @@ LorelEnvConfig().create_envs(1)
 
 
 def test_random_floor(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["random_floor", "--suite", "seen", "--episodes", "2"])
+    monkeypatch.setattr(sys, "argv", ["random_floor", "--suite=seen", "--n_episodes=2"])
     assert main() == 0
     first = capsys.readouterr().out
     assert len(first.splitlines()) == 7
@@ -220,7 +220,7 @@ def test_random_floor(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
 def test_the_table_that_ships_is_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two episodes for each task here; of 30 for each of the six, within 4 standard errors, below."""
     written = tmp_path / "floor.json"
-    monkeypatch.setattr(sys, "argv", ["random_floor", "--table", str(written), "--episodes", "2"])
+    monkeypatch.setattr(sys, "argv", ["random_floor", f"--table={written}", "--n_episodes=2"])
     assert main() == 0
     measured = json.loads(written.read_text())
     assert measured.keys() == table().keys()

@@ -13,7 +13,7 @@ import drawing
 import pytest
 
 from dataset_converters.lorel.collect import CollectSettings, collect
-from lerobot_lisa.analysis.success import main as success
+from lerobot_lisa.analysis.success.__main__ import main as success
 from lerobot_lisa.envs.lorel.groups import GROUPS
 from lerobot_lisa.envs.lorel.suites import SUITES
 
@@ -104,7 +104,7 @@ def test_another_world_on_purpose(seeing: Path, tmp_path: Path) -> None:
 
 
 def test_every_suite_with_its_kinds_and_the_floor(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     state = json.dumps({"observation.state": {"type": "STATE", "shape": [15]}})
     policy = train(data, tmp_path / "run", f"--policy.input_features={state}")
@@ -118,7 +118,8 @@ def test_every_suite_with_its_kinds_and_the_floor(
         == dict(zip(info["per_group"], [group["n_episodes"] for group in info["per_group"].values()], strict=True))
     )
     assert info["overall"]["n_episodes"] == 6 + 77 + 15 + 15
-    assert success([str(output / "eval_info.json")]) == 0
+    monkeypatch.setattr("sys.argv", ["success", str(output / "eval_info.json"), "--env.type=lorel"])
+    assert success() == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 113 + len(expected) + 2  # tasks, groups, all rephrasals, everything
     assert all("random actions" in line for line in lines)

@@ -9,51 +9,48 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from lerobot_lisa.analysis.figures.plot import Plot
-from lerobot_lisa.analysis.figures.style import GREY, PAGE_WIDTH, new_figure
+from lerobot_lisa.analysis.drawing import GREY, PAGE_WIDTH, Plot, clip, new_figure
 from lerobot_lisa.analysis.recording.frames import Example
-from lerobot_lisa.analysis.statistics.words import contributions, lift, normalise
+from lerobot_lisa.analysis.skills.words import SkillWords, contributions, lift, normalise
 from lerobot_lisa.errors import UserError
 
 CLOUD = (420, 300)  # pixels
 FRAME = 180  # pixels along the longer side of a frame
 
 
-def skill_sheet(
-    code: int, words: Sequence[str], counts: NDArray[np.int64], examples: Sequence[Example], font: Path | None
-) -> Plot:
+def skill_sheet(code: int, found: SkillWords, examples: Sequence[Example], font: Path | None) -> Plot:
     """A skill's word cloud beside strips of frames.
 
     Args:
         code: The skill.
-        words: W words.
-        counts: (W, K) how often each word was in an instruction that each skill was used for.
+        found: Words of all skills.
         examples: Chunks that the skill was followed in; there may be none.
         font: TrueType file for the cloud; None: DejaVu Sans.
 
     Raises:
         UserError: The font is none.
     """
-    weights = contributions(counts)[:, code]
+    measures = {
+        "count": found.counts, "share_of_skill": normalise(found.counts, 0), "lift": lift(found.counts),
+        "bits": contributions(found.counts),
+    }  # fmt: skip
+    table = pd.DataFrame({"word": list(found.words), **{name: values[:, code] for name, values in measures.items()}})
     figure = new_figure(PAGE_WIDTH, 1.0 + 1.35 * max(1, len(examples)))
     left, right = figure.subfigures(1, 2, width_ratios=[1, 2.4], squeeze=False)[0]
-    _draw_cloud(left.add_subplot(), dict(zip(words, weights.tolist(), strict=True)), font)
+    _draw_cloud(left.add_subplot(), dict(zip(table["word"], table["bits"], strict=True)), font)
     for place, example in enumerate(examples):
         _draw_strip(right.add_subplot(len(examples), 1, place + 1), example)
-    measures = {"count": counts, "share_of_skill": normalise(counts, 0), "lift": lift(counts)}
-    columns = {name: measure[:, code] for name, measure in measures.items()}
-    table = pd.DataFrame({"word": list(words), **columns, "bits": weights})
-    table = table.sort_values("bits", ascending=False, kind="stable")
     reading = (
         "Left, words that are more frequent with this skill than usual, by how much they say about it. Right, what "
         "happens while the code holds, in chunks drawn by lot. Good: the frames do what the words say."
     )
-    return Plot(f"skill_{code:03d}", f"Skill {code}", figure, table, reading)
+    table = table.sort_values("bits", ascending=False, kind="stable")
+    return Plot(f"skill_{code:03d}", f"Skill {found.labels[code]}", figure, table, reading)
 
 
 def _draw_cloud(axes: Axes, weights: dict[str, float], font: Path | None) -> None:
     axes.set_axis_off()
-    telling = {word: weight for word, weight in weights.items() if weight > 0}
+    telling = {clip(word): weight for word, weight in weights.items() if weight > 0}
     if not telling:
         axes.text(0.5, 0.5, "no word is more\nfrequent than usual", ha="center", va="center", color=GREY)
         return
@@ -70,29 +67,38 @@ def word_cloud(weights: dict[str, float], font: Path | None = None) -> NDArray[n
         from wordcloud import WordCloud
     except ModuleNotFoundError:
         raise UserError("word clouds need wordcloud: pip install lerobot_policy_lisa[analysis]") from None
-    path = str(font) if font else font_manager.findfont("DejaVu Sans")
+    cloud = WordCloud(
+        font_path=str(font) if font else font_manager.findfont("DejaVu Sans"),
+        width=CLOUD[0],
+        height=CLOUD[1],
+        background_color="white",
+        color_func=lambda *_, **__: "black",
+        prefer_horizontal=1.0,
+        max_words=40,
+        relative_scaling=0.5,
+        random_state=0,
+    )
+    return cloud.generate_from_frequencies(weights).to_array()
+
+
+def check_font(font: Path) -> None:
+    """Refuse what is no font, before an evaluation is run for it.
+
+    Raises:
+        UserError: It cannot be read as one.
+    """
+    from PIL import ImageFont
+
     try:
-        cloud = WordCloud(
-            font_path=path,
-            width=CLOUD[0],
-            height=CLOUD[1],
-            background_color="white",
-            color_func=lambda *_, **__: "black",
-            prefer_horizontal=1.0,
-            max_words=40,
-            relative_scaling=0.5,
-            random_state=0,
-        )
-        return cloud.generate_from_frequencies(weights).to_array()
+        ImageFont.truetype(str(font), 12)
     except OSError as error:
-        raise UserError(f"--font={path}: no font that can be read ({error}): give a .ttf or .otf file") from error
+        raise UserError(f"--font={font}: no font that can be read ({error}): give a .ttf or .otf file") from error
 
 
 def _draw_strip(axes: Axes, example: Example) -> None:
     axes.set_axis_off()
-    told = example.instruction if len(example.instruction) <= 80 else example.instruction[:79] + "…"
-    where = f"{example.group}/{example.task_id}, episode {example.episode}, from step {example.step}"
-    axes.set_title(f"“{told}” ({where})", fontsize=7, fontweight="normal")
+    where = f"{clip(example.group)}/{example.task_id}, episode {example.episode}, from step {example.step}"
+    axes.set_title(f"“{clip(example.instruction, 80)}” ({where})", fontsize=7, fontweight="normal")
     axes.imshow(strip(example.pictures()), interpolation="antialiased")
 
 

@@ -8,6 +8,17 @@ from typing import Any
 from lerobot_lisa.errors import UserError
 
 
+@dataclass
+class DatasetOptions:
+    """A dataset, as `--dataset.root` and `--dataset.repo_id` name it."""
+
+    root: Path | None = None
+    """Its folder."""
+
+    repo_id: str | None = None
+    """Its name, if that is not its folder's."""
+
+
 @dataclass(frozen=True)
 class TrainingData:
     """The training dataset, as far as it could be found.
@@ -35,16 +46,29 @@ def find(checkpoint: str, root: Path | None = None) -> TrainingData:
     """
     named = _named(checkpoint)
     if root is not None:
-        if not _is_dataset(root):
-            raise UserError(f"--dataset.root={root}: no LeRobotDataset (meta/info.json) there")
-        return _read(root, named)
+        check_dataset(root)
+        return _read(root, named or {})
     if named is None:
         return TrainingData(None, None, "The checkpoint does not name its training data; --dataset.root does.")
-    found = next((folder for folder in _places(named) if _is_dataset(folder)), None)
-    if found is None:
+    found = _place(named)
+    if not _is_dataset(found):
         where = named.get("root") or named["repo_id"]
         return TrainingData(None, None, f"The training data ({where}) are not here; --dataset.root says where.")
     return _read(found, named)
+
+
+def check_dataset(root: Path) -> None:
+    """Refuse a folder that is no LeRobotDataset.
+
+    Raises:
+        UserError: It is none.
+    """
+    if not _is_dataset(root):
+        raise UserError(f"--dataset.root={root}: no LeRobotDataset (meta/info.json) there")
+
+
+def _is_dataset(root: Path) -> bool:
+    return (root / "meta" / "info.json").is_file()
 
 
 def _named(checkpoint: str) -> dict[str, Any] | None:
@@ -60,20 +84,15 @@ def _named(checkpoint: str) -> dict[str, Any] | None:
         return None
 
 
-def _places(named: dict[str, Any]) -> list[Path]:
+def _place(named: dict[str, Any]) -> Path:
     from lerobot.utils.constants import HF_LEROBOT_HOME
 
-    return [Path(named["root"])] if named.get("root") else [HF_LEROBOT_HOME / named["repo_id"]]
+    return Path(named.get("root") or HF_LEROBOT_HOME / named["repo_id"])
 
 
-def _is_dataset(root: Path) -> bool:
-    return (root / "meta" / "info.json").is_file()
-
-
-def _read(root: Path, named: dict[str, Any] | None) -> TrainingData:
+def _read(root: Path, named: dict[str, Any]) -> TrainingData:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
-    named = named or {}
     meta = LeRobotDatasetMetadata(named.get("repo_id") or root.name, root=root)
     chosen = named.get("episodes")  # training may have used some episodes only
     listed = (task for number in chosen for task in meta.episodes[number]["tasks"]) if chosen else meta.tasks.index

@@ -1,1 +1,0 @@
-"""What `lerobot-train` has logged, read back from wherever it went."""

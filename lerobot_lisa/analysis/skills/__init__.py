@@ -1,0 +1,1 @@
+"""What do skills mean? Which codes are chosen, which words go with them, and what is done under each."""

@@ -1,0 +1,172 @@
+"""What each skill's words are: which skill codes a LISA policy uses for which words of a dataset's instructions.
+
+python -m lerobot_lisa.analysis.skills --policy.path=outputs/lisa/checkpoints/last/pretrained_model \
+    --dataset.root=data/gotoseq_1k --output_dir=outputs/skill_words
+
+No world is needed: the skill predictor is asked about every demonstration. `lisa-report` says the same, and more, of
+what a policy does by itself.
+"""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lerobot_lisa.analysis.commands import run_command
+from lerobot_lisa.analysis.drawing import styled, write
+from lerobot_lisa.analysis.recording.evaluation import CheckpointConfig, code_labels, lisa_config
+from lerobot_lisa.analysis.skills import words
+from lerobot_lisa.analysis.skills.words import SkillWords, count_words, top_words
+from lerobot_lisa.analysis.training_data import DatasetOptions, check_dataset
+from lerobot_lisa.errors import UserError
+
+if TYPE_CHECKING:
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy
+
+
+@dataclass(kw_only=True)
+class SkillsConfig(CheckpointConfig):
+    """Which policy to ask about which demonstrations."""
+
+    dataset: DatasetOptions = field(default_factory=DatasetOptions)
+    """The demonstrations."""
+
+    output_dir: Path = field(default_factory=lambda: Path("outputs/skill_words"))
+    """For the heat maps as PNG, PDF and CSV."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        super().__post_init__()
+        if self.dataset.root is None:
+            raise UserError("--dataset.root is missing: name the folder of a LeRobotDataset")
+        check_dataset(self.dataset.root)
+        lisa_config(self)
+
+
+@dataclass(frozen=True)
+class SkillUse:
+    """What a policy's codebook did over whole episodes.
+
+    Attributes:
+        instructions: One for each of E episodes.
+        codes: Skill codes of each episode's chunks, in order.
+        perplexity: How many codes are in effective use, over all chunks.
+        mutual_information: Between instructions and codes, in bits, as the paper's listing defines it.
+    """
+
+    instructions: list[str]
+    codes: list[list[int]]
+    perplexity: float
+    mutual_information: float
+
+    def used(self, size: int) -> words.Counts:
+        """Whether each episode used each of K codes, (E, K)."""
+        used = np.zeros((len(self.codes), size), np.int64)
+        for row, codes in zip(used, self.codes, strict=True):
+            row[codes] = 1
+        return used
+
+
+def main() -> int:
+    """Command line; returns the exit code."""
+    return run_command(run)
+
+
+def run(config: SkillsConfig) -> None:
+    """Load, count, print and write.
+
+    Raises:
+        UserError: The dataset or the checkpoint cannot be used.
+    """
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset  # takes seconds to import
+
+    root = Path(str(config.dataset.root))
+    dataset = LeRobotDataset(config.dataset.repo_id or root.name, root=root)
+    policy, preprocess = load(config, dataset)
+    use = use_skills(policy, preprocess, dataset)
+    labels = code_labels(policy)
+    found = count_words(use.instructions, use.used(len(labels)), labels)
+    print(*said(found, use), sep="\n")
+    config.output_dir.mkdir(parents=True, exist_ok=True)
+    sample = f"{root.name}, {len(use.codes):,} episodes, {sum(map(len, use.codes)):,} skill codes"
+    with styled():
+        for plot in words.plots(found, sample):
+            write(plot, config.output_dir)
+            print(config.output_dir / f"{plot.name}.png")
+
+
+def load(config: CheckpointConfig, dataset: "LeRobotDataset") -> tuple["LisaPolicy", Any]:
+    """The checkpoint's policy, reading whole episodes of `dataset`, and its preprocessor.
+
+    Raises:
+        UserError: It is none of LISA, has no codes, or the dataset lacks a feature that it reads.
+    """
+    from lerobot.policies.factory import make_pre_post_processors
+    from lerobot.processor import NormalizerProcessorStep
+
+    from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy
+
+    settings = lisa_config(config)
+    for key, feature in {**settings.input_features, **settings.output_features}.items():
+        found = tuple(dataset.meta.features.get(key, {}).get("shape", ()))
+        if sorted(found) != sorted(feature.shape):  # images have channels last in a dataset, first in a policy
+            had = f"has it with shape {found}" if found else "lacks it"
+            reads = f"--policy.path={config.checkpoint} reads `{key}` {tuple(feature.shape)}"
+            raise UserError(f"{reads}: {dataset.root} {had}")
+    preprocess, _ = make_pre_post_processors(settings, pretrained_path=config.checkpoint)
+    stats = next((step.stats for step in preprocess.steps if isinstance(step, NormalizerProcessorStep)), None)
+    policy = LisaPolicy.from_pretrained(
+        config.checkpoint, config=settings, dataset_stats=stats, dataset_meta=dataset.meta
+    )
+    return policy, preprocess
+
+
+def use_skills(policy: "LisaPolicy", preprocess: Any, dataset: "LeRobotDataset", batch_size: int = 64) -> SkillUse:
+    """Ask the skill predictor about every episode of a dataset, in evaluation mode, as training does."""
+    import torch
+    from torch.utils.data import DataLoader, Subset
+    from tqdm import tqdm
+
+    from lerobot_lisa.networks.codebook import mutual_information, perplexity
+    from lerobot_lisa.networks.packing import Packing
+
+    quantized = []
+    hook = policy.network.codebook.register_forward_hook(lambda _module, _inputs, skills: quantized.append(skills))
+    starts, ends = (list(dataset.meta.episodes[f"dataset_{end}_index"]) for end in ("from", "to"))
+    instructions: list[str] = []
+    policy.eval()
+    with torch.no_grad():
+        loader = DataLoader(Subset(dataset, starts), batch_size)
+        for batch in tqdm(loader, desc="asking for skills", unit="batch", disable=None):
+            instructions += batch["task"]
+            policy.forward(preprocess(batch))
+    hook.remove()
+    chunks = Packing(torch.tensor(ends) - torch.tensor(starts)).count_chunks(policy.config.horizon).lengths.tolist()
+    codes = torch.cat([skills.codes for skills in quantized]).cpu()
+    return SkillUse(
+        instructions,
+        [part.tolist() for part in codes.split(chunks)],
+        perplexity(codes, len(code_labels(policy))).item(),
+        mutual_information(torch.cat([skills.distances for skills in quantized])).item(),
+    )
+
+
+def said(found: SkillWords, use: SkillUse) -> list[str]:
+    """The words that are more frequent with each skill than usual, and how many skills there are."""
+    episodes = use.used(len(found.labels)).sum(0)
+    lines = [
+        f"skill {label:>2}  {episodes[code]:6d} episodes  "
+        + ", ".join(f"{word} x{times:.1f}" for word, times in listed)
+        for code, (label, listed) in enumerate(zip(found.labels, top_words(found), strict=True))
+        if episodes[code]
+    ]
+    many = f"{len(lines)} of {len(found.labels)} codes used, perplexity {use.perplexity:.1f}"
+    return [*lines, f"{many}, mutual information {use.mutual_information:.2f} bits"]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,116 @@
+"""What a report says about skills: the codes, what language tells about them, their words, and skill by skill."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lerobot_lisa.analysis.drawing import Plot
+from lerobot_lisa.analysis.material import Answer, Heading, Material
+from lerobot_lisa.analysis.skills import choices, information, words
+from lerobot_lisa.analysis.skills.sheets import skill_sheet
+from lerobot_lisa.analysis.skills.words import SkillWords, top_words, word_table
+
+NOTABLE = 1.05  # times as frequent as usual: what rounds to more than usual
+FIRST, ALL = "words, first code", "words, all codes"
+NO_SKILLS = {
+    "lisa": "This policy's skills are continuous, numbers of which no two are the same: there are no codes to show.",
+    "lang_dt": "Lang-DT is flat: it acts on instructions and observations without skill codes: there are none to show.",
+}
+INFORMATION = (
+    "Mutual information is how many bits about the code one learns from the language. Counted from few episodes it is "
+    "never 0, so each number stands beside what the same count gives when instructions are dealt to other episodes. An "
+    "episode's set of all codes is what the paper's heat maps count; in long episodes that is nearly all codes, "
+    "whatever was asked for. Language that acts only together with what is seen (“turn left, for there is the red "
+    "one”) does not show here: lisa-diagnose swap finds it."
+)
+WORDS = (
+    "Each code that an episode used gets all words of its instruction, as in the paper: nobody knows which of them a "
+    "skill stands for, so these maps are noisy where instructions are long."
+)
+NO_WORDS = "No instruction of this evaluation has a word in it: there is nothing to count."
+SKILLS = (
+    "The most frequent skill first. Numbers beside words are how many times as frequent as usual they are with this "
+    "skill: 1.1 is next to nothing, 3 a skill of its own."
+)
+
+
+def answers(material: Material) -> Iterator[Answer]:
+    """What do the skills mean? One section that says so for a policy without skill codes."""
+    trace, sample = material.trace, material.sample
+    if not trace.has_codes:
+        yield Answer("skills", "Skills", NO_SKILLS[trace.origin["policy"]["type"]])
+        return
+    made = choices.choices(trace)
+    instructions = trace.episodes["instruction"].astype(str).tolist()
+    vocabulary, table = word_table(instructions)
+    found = SkillWords(vocabulary, table.T @ made.used, made.labels)
+    plots = choices.plots(trace, made, material.data.action_names, sample)
+    yield Answer("codes", "Codes", _about_codes(material), plots, numbers=_about_choices(made))
+    yield _information(material, made, instructions, vocabulary, table)
+    yield Answer("words", "Words and skills", WORDS if vocabulary else NO_WORDS, words.plots(found, sample))
+    yield _skill_by_skill(material, made, found)
+
+
+def _about_codes(material: Material) -> str:
+    episodes = material.trace.episodes
+    failed = episodes.loc[~episodes["success"], "steps"].sum() / episodes["steps"].sum()
+    return (
+        f"The skill predictor chooses a code every {material.trace.origin['policy']['horizon']} steps; the policy "
+        f"follows it and never sees the instruction. These figures count all choices, {failed:.0%} of them in episodes "
+        "that failed, which last longest."
+    )
+
+
+def _about_choices(made: choices.Choices) -> list[tuple[str, str, str]]:
+    bits = float(information.entropy(made.counts.sum(0).astype(np.float64)))
+    return [
+        ("Codes in use", f"{made.size - len(made.dead)} of {made.size}", f"{len(made.dead)} never chosen"),
+        ("Perplexity", f"{made.perplexity:.1f}", f"codes in effective use; {bits:.2f} bits a choice"),
+    ]
+
+
+def _information(
+    material: Material, made: choices.Choices, instructions: list[str], vocabulary: list[str], table: words.Counts
+) -> Answer:
+    """What language, and each word, tells about the code."""
+    times, told = material.permutations, information.one_hot(instructions)
+    asked = {
+        FIRST: information.language_information(table, made.first, times),
+        ALL: information.language_information(table, made.used, times),
+        # Not of all codes: instructions differ in how long their episodes last, and so in how many codes they get.
+        "instruction, first code": information.language_information(told, made.first, times),
+    }
+    bits, high = float(asked[FIRST].bits), float(asked[FIRST].interval[1])
+    tells = ("Words tell", f"{bits:.3f} bits", f"about the first code; chance gives up to {high:.3f}")
+
+    def plots() -> Iterator[Plot]:
+        yield information.information_plot(asked, material.sample)
+        presence = (table > 0).astype(np.int64)
+        by_word = {
+            name: information.word_information(presence, used, times)
+            for name, used in ((FIRST, made.first), (ALL, made.used))
+        }
+        yield from information.word_plots(vocabulary, by_word, material.sample)
+
+    return Answer("information", "Language and codes", INFORMATION, plots(), numbers=[tells])
+
+
+def _skill_by_skill(material: Material, made: choices.Choices, found: SkillWords) -> Answer:
+    """Word cloud and frames of the codes that were used, the most frequent first."""
+    chosen, episodes = made.counts.sum(0), made.used.sum(0)
+    order = [int(code) for code in np.argsort(-chosen, kind="stable") if chosen[code]]
+    telling = top_words(found, most=6)
+    headings = [
+        Heading(
+            found.labels[code],
+            int(episodes[code]),
+            chosen[code] / chosen.sum(),
+            [(word, times) for word, times in telling[code] if times >= NOTABLE],
+        )
+        for code in order
+    ]
+    plots = (
+        skill_sheet(code, found, [example for example in material.examples if example.code == code], material.font)
+        for code in order
+    )
+    return Answer("skills", "Skill by skill", SKILLS, plots, headings)

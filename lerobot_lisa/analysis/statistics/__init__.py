@@ -1,1 +1,0 @@
-"""Numbers about traces, without any drawing."""
