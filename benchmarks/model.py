@@ -52,8 +52,7 @@ def padded_copy(policy: EpisodePolicy) -> PaddedLisa | PaddedLangDT:
 
 def padded_batch(policy: EpisodePolicy, batch: dict[str, Any]) -> PaddedBatch:
     """What `policy.forward` trains on for this batch, padded."""
-    frames, packing = policy.episode_store.gather(batch["episode_index"])
-    frames = policy._scaled(frames)
-    actions = frames.pop(ACTION).reshape(packing.total, -1)
+    frames, packing = policy.gather(batch)
+    actions = frames.pop(ACTION)
     words, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
     return pad(words, valid, frames, actions, packing)

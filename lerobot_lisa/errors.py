@@ -9,7 +9,15 @@ class UserError(Exception):
     """Bad input: the message is one line that names the file or field, what is wrong with it, and the fix.
 
     No `ValueError`: the parser of LeRobot's command lines would put its own words in place of ours.
+
+    The first one lets uncaught ones end any program, `lerobot-train` included, with that line and exit code 1:
+    importing this package changes nothing in a process that uses other policies only.
     """
+
+    def __init__(self, message: str) -> None:
+        """Note the message."""
+        super().__init__(message)
+        _show_user_errors_in_one_line()
 
 
 def exit_code(work: Callable[[], object], interrupted: str = "interrupted") -> int:
@@ -41,11 +49,8 @@ def _refusal(error: OSError) -> str:
     return f"{shown}: {said}" if shown else said
 
 
-def show_user_errors_in_one_line() -> None:
-    """Let an uncaught `UserError` end any program, `lerobot-train` included, with one line and exit code 1.
-
-    Every other exception goes to the hook that was there before.
-    """
+def _show_user_errors_in_one_line() -> None:
+    """Every other exception goes to the hook that was there before."""
     previous = sys.excepthook
     if getattr(previous, "shows_user_errors", False):
         return

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from lerobot_lisa.errors import UserError
 
 PREDICTOR = "?"
-_PART = re.compile(r"(\d+|\?)(?:\*(\d+))?")
+_PART = re.compile(r"(\d{1,9}|\?)(?:\*(\d{1,9}))?")
 _EXAMPLE = "write codes and steps as in '14*20,2*20', or '?' for the skill predictor's choice as in '?*10,14*10'"
 
 
@@ -54,6 +54,7 @@ def read_plan(text: str, codebook_size: int) -> SkillPlan:
         UserError: It is no plan, or there is no such code.
     """
     parts = [part.strip() for part in text.split(",")]
+    text = text if len(text) <= 80 else f"{text[:80]}..."  # in messages
     phases = tuple(_read_phase(part, text, codebook_size) for part in parts)
     if endless := next((part for part, phase in zip(parts[:-1], phases, strict=False) if phase.steps is None), None):
         raise UserError(f"skill plan {text!r}: nothing can follow {endless!r}, which has no end: {_EXAMPLE}")
@@ -63,7 +64,7 @@ def read_plan(text: str, codebook_size: int) -> SkillPlan:
 def _read_phase(part: str, text: str, codebook_size: int) -> Phase:
     found = _PART.fullmatch(part)
     if not found or (found[2] and int(found[2]) == 0):
-        raise UserError(f"skill plan {text!r}: {part!r} is no part of a plan: {_EXAMPLE}")
+        raise UserError(f"skill plan {text!r}: {part[:20]!r} is no part of a plan: {_EXAMPLE}")
     code = None if found[1] == PREDICTOR else int(found[1])
     if code is not None and code >= codebook_size:
         raise UserError(

@@ -1,24 +1,29 @@
-"""Settings that LISA and Lang-DT share: encoders, size, what is learned from a dataset's metadata, optimiser."""
+"""Settings that LISA and Lang-DT share, what they learn from a dataset's metadata, and which of all that is refused."""
 
+import math
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import draccus
+import torch
 from draccus.parsers.encoding import encode_choice
-from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
 from lerobot.optim.optimizers import AdamConfig
 from lerobot.optim.schedulers import (
     ConstantWithWarmupSchedulerConfig,
     CosineAnnealingWithWarmupSchedulerConfig,
     LRSchedulerConfig,
 )
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE
 
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.dataset_facts import note_facts
-from lerobot_lisa.policies.feature_checks import check_features
+from lerobot_lisa.feature_info import feature_info
 from lerobot_lisa.policies.old_fields import OldFields
 
 WORDS = "words"  # the built-in word-level language encoder
+SYMBOLS = 16  # more than minigrid's 11 objects, 6 colours and 3 door states
+DEVICES = ("cpu", "cuda", "mps", "xpu")
+MOST_PARAMETERS = 500_000_000  # 2 GB; the paper's networks have a million. A config.json may come from anybody
 
 
 @dataclass
@@ -105,26 +110,73 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     action_classes: int | None = None
     max_timesteps: int | None = None
 
+    # The least and the greatest value of each number. They keep NaN out, too, and sizes from filling the memory.
+    BOUNDS: ClassVar[dict[str, tuple[float, float]]] = {
+        "dim_model": (2, 8192),
+        "n_heads": (1, 512),
+        "dropout": (0, 1),
+        "action_amplification": (0, 1e6),
+        "action_bins": (2, 10_000),
+        "action_components": (1, 1_000),
+        "action_temperature": (0, 1e6),
+        "action_seed": (0, 2**62),
+        "optimizer_lr": (0, 100),
+        "optimizer_lr_language": (0, 100),
+        "optimizer_eps": (0, 1),
+        "optimizer_weight_decay": (0, 100),
+        "optimizer_grad_clip_norm": (0, 1e9),
+        "scheduler_warmup_steps": (0, 10**9),
+        "action_classes": (0, 100_000),
+        "max_timesteps": (1, 10**7),
+    }
+
     def __post_init__(self) -> None:
-        """Refuse settings that cannot work, before anything is loaded."""
+        """Refuse settings that cannot work, before anything is loaded or allocated."""
+        _check_device(self.device)
         super().__post_init__()
-        self._choice("episode_store", ("memory", "disk", "device"))
-        self._choice("action_head", ("mean", "bins", "mixture"))
-        self._choice("scheduler", ("constant", "cosine"))
-        self._choice("dtype", ("float32", "bfloat16", "float16"))
-        if self.action_bins < 2 or self.action_components < 1:
-            raise UserError("--policy.action_bins must be at least 2 and --policy.action_components at least 1")
-        if self.action_temperature < 0:
-            raise UserError(f"--policy.action_temperature={self.action_temperature} must be 0 (most probable) or above")
-        if self.dim_model < 2 or self.dim_model % 2 or self.dim_model % self.n_heads:
+        self._check_choice("episode_store", ("memory", "disk", "device"))
+        self._check_choice("action_head", ("mean", "bins", "mixture"))
+        self._check_choice("scheduler", ("constant", "cosine"))
+        self._check_choice("dtype", ("float32", "bfloat16", "float16"))
+        for name, (least, most) in self.BOUNDS.items():
+            self._check_number(name, getattr(self, name), least, most)
+        for beta in self.optimizer_betas:
+            self._check_number("optimizer_betas", beta, 0, 0.999999)
+        if self.dim_model % 2 or self.dim_model % self.n_heads:
             raise UserError(
                 f"--policy.dim_model={self.dim_model} must be even and a multiple of --policy.n_heads={self.n_heads}: "
                 "choose e.g. 128 and 4"
             )
+        self._check_size()
 
-    def _choice(self, name: str, choices: tuple[str, ...]) -> None:
+    def _check_choice(self, name: str, choices: tuple[str, ...]) -> None:
         if getattr(self, name) not in choices:
-            raise UserError(f"--policy.{name}={getattr(self, name)} is not one of: {', '.join(choices)}")
+            raise UserError(f"--policy.{name}={_short(getattr(self, name))} is not one of: {', '.join(choices)}")
+
+    def _check_number(self, name: str, value: float | None, least: float, most: float) -> None:
+        if value is not None and not least <= value <= most:  # NaN is neither
+            raise UserError(f"--policy.{name}={_short(value)} must be between {least:g} and {most:g}")
+
+    def _check_size(self) -> None:
+        count = self._count_parameters()
+        if count > MOST_PARAMETERS:
+            raise UserError(
+                f"the policy would have about {count:.1e} parameters, {MOST_PARAMETERS:.0e} is the most: choose a "
+                f"smaller --policy.dim_model than {self.dim_model}, or fewer layers, codes, bins, steps or features"
+            )
+
+    def _count_parameters(self) -> int:
+        """Roughly, without a pretrained encoder: tables of embeddings and attention blocks, where large numbers go."""
+        seen = sum(
+            math.prod(feature.shape) * (SYMBOLS if feature.type is FeatureType.ENV else 1)
+            for feature in (self.input_features or {}).values()
+            if feature.type is not FeatureType.VISUAL
+        )
+        action = math.prod(self.action_feature.shape) if self.action_feature else 1
+        drawn = (self.action_classes or 0) + action * max(self.action_bins, 3 * self.action_components)
+        rows = 2 * seen + drawn + len(self.vocabulary) + (self.max_timesteps or 1)
+        layers = sum(getattr(self, f.name) for f in fields(self) if f.name.startswith("n_") and "layers" in f.name)
+        return self.dim_model * rows + 12 * self.dim_model**2 * layers
 
     # Whole episodes come from the episode store, so LeRobot's loader is asked for single frames only.
 
@@ -166,21 +218,63 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             return self.optimizer_lr_language
         return self.optimizer_lr if self.language_encoder == WORDS else 1e-6
 
-    def describe_dataset(self, features: dict[str, dict[str, Any]], stats: dict[str, Any] | None, longest: int) -> None:
-        """Take from a dataset what its `PolicyFeature`s do not say.
+    # What a dataset tells.
 
-        Integer observations become symbols, an integer action becomes categorical, and rollouts will look back as far
-        as the longest episode. What the user has set stays.
+    def set_dataset_feature_metadata(self, features: dict[str, dict[str, Any]]) -> None:
+        """Take from a dataset's `info.json` what its `PolicyFeature`s do not say: a hook that LeRobot's factory calls.
 
-        Args:
-            features: The dataset's `info.json` features.
-            stats: Its statistics; tell how many actions there are where `info.json` does not.
-            longest: Frames in its longest episode.
+        Integer observations become symbols, an integer action becomes categorical. What the user has set stays.
 
         Raises:
-            UserError: Symbols or actions are more than the networks have room for, or an ignored action has no name.
+            UserError: An ignored action has no name.
         """
-        note_facts(self, features, stats, longest)
+        for key, feature in (self.input_features or {}).items():
+            if feature.type is FeatureType.STATE and _is_integer(features.get(key, {})):
+                # Out of reach of STATE scaling.
+                self.input_features[key] = PolicyFeature(FeatureType.ENV, feature.shape)
+            elif key == OBS_ENV_STATE and key in features and not _is_integer(features[key]):
+                # LeRobot calls it ENV whatever it holds; as symbols, real numbers would be cut to integers.
+                self.input_features[key] = PolicyFeature(FeatureType.STATE, feature.shape)
+        action = features.get(ACTION, {})
+        if self.action_classes is None:
+            self.action_classes = _count_classes(action)
+        if self.ignored_action_dimensions is None:
+            self.ignored_action_dimensions = _ignored_dimensions(action)
+        self.feature_info = feature_info(features)  # of the data it is trained on now, whatever came before
+
+    def set_dataset_statistics(self, stats: dict[str, dict[str, Any]] | None, longest: int) -> None:
+        """Take from a dataset what only its contents tell; comes after `set_dataset_feature_metadata`.
+
+        Args:
+            stats: Its statistics; they tell how many actions there are where `info.json` does not.
+            longest: Frames in its longest episode, how far rollouts will look back.
+
+        Raises:
+            UserError: A feature holds numbers that are not finite, or more symbols or actions than there is room for.
+        """
+        for key, feature in (self.input_features or {}).items():
+            low, high = _range(key, stats)
+            if feature.type is FeatureType.ENV and (low < 0 or high >= SYMBOLS):
+                raise UserError(
+                    f"`{key}` holds integers from {low:g} to {high:g}, but symbols are 0..{SYMBOLS - 1}: "
+                    "store it as real numbers, or leave it out of --policy.input_features"
+                )
+        low, high = _range(ACTION, stats)
+        if self.action_classes is None:
+            if "max" not in (stats or {}).get(ACTION, {}):
+                raise UserError(
+                    "the dataset does not say how many different actions there are: pass --policy.action_classes=N"
+                )
+            self.action_classes = int(high) + 1
+        if self.action_classes and (low < 0 or high >= self.action_classes):
+            raise UserError(
+                f"--policy.action_classes={self.action_classes} does not fit the dataset, whose actions are {low:g} to "
+                f"{high:g}: pass {high + 1:g} or more, or 0 to treat them as real numbers"
+            )
+        if self.max_timesteps is None:
+            self.max_timesteps = longest
+
+    # Which features the networks can take.
 
     def validate_features(self) -> None:
         """Refuse features the networks cannot take.
@@ -188,7 +282,59 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         Raises:
             UserError: No observation, no action, an unsupported type or shape, or a scaling that would break symbols.
         """
-        check_features(self)
+        if not self.input_features:
+            raise UserError(
+                f"{self.type} needs at least one observation.* feature (grid, state or image): the dataset has none"
+            )
+        for key, feature in self.input_features.items():
+            self._check_observation(key, feature)
+        if self._is_scaled(FeatureType.ENV):
+            raise UserError(
+                "ENV features hold symbols, which cannot be normalised: set normalization_mapping ENV to IDENTITY"
+            )
+        self._check_action()
+        self._check_size()
+
+    def _check_observation(self, key: str, feature: PolicyFeature) -> None:
+        kind, shape = feature.type, tuple(feature.shape)
+        if kind not in (FeatureType.STATE, FeatureType.ENV, FeatureType.VISUAL):
+            raise UserError(
+                f"{self.type} cannot read `{key}` of type {kind.value}: leave it out of --policy.input_features"
+            )
+        if kind is FeatureType.VISUAL and len(shape) != 3:
+            raise UserError(f"image `{key}` has shape {shape}: it must be (channels, height, width)")
+        if any(side < 1 for side in shape):
+            raise UserError(f"`{key}` has the empty shape {shape}: leave it out of --policy.input_features")
+
+    def _check_action(self) -> None:
+        action = self.action_feature
+        if action is None:
+            raise UserError(
+                f"{self.type} needs a feature called `action`: the dataset has {sorted(self.output_features or {})}"
+            )
+        if len(action.shape) != 1:
+            raise UserError(
+                f"{self.type} takes a flat action, but `action` has shape {tuple(action.shape)}: flatten it"
+            )
+        if self.action_classes and action.shape[0] != 1:
+            raise UserError(
+                f"the policy chooses one of {self.action_classes} actions, but `action` here has {action.shape[0]} "
+                "numbers: evaluate it in the world it was trained in (for integers of a dataset that are no choices, "
+                "pass --policy.action_classes=0)"
+            )
+        if self.action_classes and self._is_scaled(FeatureType.ACTION):
+            raise UserError("a categorical action cannot be normalised: set normalization_mapping ACTION to IDENTITY")
+        ignored = self.ignored_action_dimensions or []
+        outside = [d for d in ignored if not 0 <= d < action.shape[0]]
+        if outside or len(set(ignored)) >= action.shape[0]:
+            raise UserError(
+                f"--policy.ignored_action_dimensions={_short(ignored)} must leave at least one of the "
+                f"{action.shape[0]} dimensions 0..{action.shape[0] - 1}"
+            )
+
+    def _is_scaled(self, kind: FeatureType) -> bool:
+        mode = self.normalization_mapping.get(kind.value, NormalizationMode.IDENTITY)
+        return mode is not NormalizationMode.IDENTITY
 
 
 @draccus.encode.register(EpisodePolicyConfig, include_subclasses=True)
@@ -196,3 +342,50 @@ def _encode(config: EpisodePolicyConfig, _: Any = None) -> dict[str, Any]:
     """For `config.json` and `train_config.json`."""
     old = {f.name for f in fields(OldFields)}
     return {key: value for key, value in encode_choice(config, PreTrainedConfig).items() if key not in old}
+
+
+def _short(value: object) -> str:
+    """A value in a message: nobody reads more of it."""
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."
+
+
+def _check_device(device: str | None) -> None:
+    """Before LeRobot does, whose words draccus swallows."""
+    try:
+        known = not device or torch.device(device).type in DEVICES
+    except RuntimeError:
+        known = False
+    if not known:
+        raise UserError(f"--policy.device={_short(device)} is not one of: {', '.join(DEVICES)}, cuda:0, cuda:1, ...")
+
+
+def _is_integer(feature: dict[str, Any]) -> bool:
+    return str(feature.get("dtype", "")).startswith(("int", "uint"))
+
+
+def _count_classes(action: dict[str, Any]) -> int | None:
+    """Number of different actions as `info.json` tells it: 0 for real-valued ones, None if it does not."""
+    if not _is_integer(action):
+        return 0
+    names = action.get("names")
+    return len(names["classes"]) if isinstance(names, dict) and names.get("classes") else None
+
+
+def _ignored_dimensions(action: dict[str, Any]) -> list[int]:
+    """Dimensions that a dataset names as ignored by its environment."""
+    ignored = (action.get("info") or {}).get("ignored") or []
+    names = list(action.get("names") or [])
+    unknown = [name for name in ignored if name not in names]
+    if unknown:
+        raise UserError(f"the dataset's action says that {unknown} is ignored, but its names are {names}: correct one")
+    return [names.index(name) for name in ignored]
+
+
+def _range(key: str, stats: dict[str, dict[str, Any]] | None) -> tuple[float, float]:
+    """Least and greatest value of a feature; 0 and 0 where the statistics do not tell."""
+    known = (stats or {}).get(key, {})
+    low, high = (float(getattr(known[name], name)()) if name in known else 0.0 for name in ("min", "max"))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise UserError(f"`{key}` of the dataset holds NaN or infinite numbers (meta/stats.json): mend the dataset")
+    return low, high

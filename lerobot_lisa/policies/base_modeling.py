@@ -1,7 +1,11 @@
-"""What both policies share of LeRobot's protocol: whole episodes in training, a history in rollouts, model cards."""
+"""What both policies share of LeRobot's protocol: whole episodes in training, a history in rollouts, weights, cards."""
 
+import hashlib
 import logging
+import math
 from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -9,8 +13,9 @@ from huggingface_hub import ModelCard
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.lerobot_types import TransitionKey
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.processor import NormalizerProcessorStep
 from lerobot.utils.constants import ACTION, OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS, OBS_PREFIX
+from safetensors import SafetensorError
+from safetensors.torch import load_model
 from torch import Tensor
 
 from lerobot_lisa.episodes.load import load_episodes
@@ -20,10 +25,9 @@ from lerobot_lisa.feature_info import KEY, check_feature_info
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
-from lerobot_lisa.policies.instructions import build_vocabulary
+from lerobot_lisa.policies.base_processor import Stats, build_vocabulary, make_normalizer
 from lerobot_lisa.policies.model_card import make_model_card
 from lerobot_lisa.policies.renaming import renamed_features
-from lerobot_lisa.policies.step_randomness import StepRandomness
 
 if TYPE_CHECKING:
     from lerobot.configs.train import TrainPipelineConfig
@@ -50,7 +54,7 @@ class EpisodePolicy(PreTrainedPolicy):
     def __init__(
         self,
         config: EpisodePolicyConfig,
-        dataset_stats: dict[str, dict[str, Any]] | None = None,
+        dataset_stats: Stats | None = None,
         dataset_meta: "LeRobotDatasetMetadata | None" = None,
         **_: Any,
     ) -> None:
@@ -70,15 +74,13 @@ class EpisodePolicy(PreTrainedPolicy):
         config.validate_features()
         super().__init__(config)
         self.config: EpisodePolicyConfig = config
-        self._normalize = _normalizer(config, dataset_stats)
+        self._normalize = make_normalizer(config, dataset_stats)
         self.network = self.make_network(self._action_bounds(dataset_stats))
-        self.randomness = StepRandomness()
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._store: EpisodeStore | None = None
-        self._renamed: dict[str, str] = {}  # the dataset's name to the policy's
         self._history: Any = None
-        self._instruction: Tensor | None = None
+        self._instructions: list[Any] = []
         self.rollouts = 0
         self._generator = torch.Generator()
 
@@ -100,7 +102,7 @@ class EpisodePolicy(PreTrainedPolicy):
         """Loss of the whole episodes that a batch's frames belong to.
 
         Args:
-            batch: From LeRobot's loader and this policy's preprocessor. Read are `episode_index` (B,),
+            batch: From LeRobot's loader and this policy's preprocessor. Read are `episode_index` (B,), `index` (B,),
                 `observation.language.tokens` (B, M) and `observation.language.attention_mask` (B, M).
             reduction: "mean", or "none" for one loss per frame of the batch, (B,).
 
@@ -108,57 +110,91 @@ class EpisodePolicy(PreTrainedPolicy):
             The loss and numbers for the training log.
 
         Raises:
-            UserError: The policy was built without a dataset.
+            UserError: The policy was built without a dataset, or an episode holds numbers that are not finite.
         """
         self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
-        self._note_renamed_features(batch)
-        frames, packing = self.episode_store.gather(batch["episode_index"], self._device)
-        frames = self._scaled(frames)
-        actions = frames.pop(ACTION).reshape(packing.total, -1)
-        tokens, tokens_valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
-        with self.randomness.next_step():
-            outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
+        frames, packing = self.gather(batch)
+        actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
+        with _drawing_from(batch, self.training):
+            outputs, extra_loss, metrics = self.predict(*_words(batch), observations, actions, packing)
         head = self.network.head
         action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
         metrics = {**metrics, "action_loss": action_loss.mean(), **head.metrics(outputs.detach(), actions)}
-        loss = action_loss if reduction == "none" else action_loss.mean()
-        return loss + extra_loss, _numbers(metrics)
+        loss, numbers = action_loss if reduction == "none" else action_loss.mean(), _numbers(metrics)
+        if not math.isfinite(numbers["action_loss"]):
+            _blame_data(frames, packing, batch["episode_index"])
+        return loss + extra_loss, numbers
 
-    @property
-    def episode_store(self) -> EpisodeStore:
-        """Every episode of the training dataset, read at first use."""
-        if self._store is None:
-            if self._dataset is None:
-                raise UserError(
-                    f"{self.name} learns from whole episodes: build it with make_policy(cfg, ds_meta=dataset.meta)"
-                )
-            location = self.config.episode_store
-            theirs = {ours: name for name, ours in self._renamed.items()}
-            keys = [*(theirs.get(key, key) for key in self.config.input_features), ACTION]
-            store = load_episodes(self._dataset, keys, location).renamed(self._renamed)
-            self._store = store.to(self._device) if location == "device" else store
-        return self._store
+    def gather(self, batch: Mapping[str, Any]) -> tuple[dict[str, Tensor], Packing]:
+        """The whole episodes of a batch's frames, under the policy's names and in its scale.
 
-    def _note_renamed_features(self, batch: dict[str, Any]) -> None:
-        if self._store is None and self._dataset is not None:
-            self._renamed = renamed_features(self.config.input_features, self._dataset.features, batch)
+        This is no step of the preprocessor, which would rename and scale whole episodes as it does single frames:
+        LeRobot rebuilds the preprocessor from JSON to resume and to fine-tune, and tells its steps nothing of the
+        dataset that is trained on then. So names are found as the batch shows them renamed, and the scaling is the
+        preprocessor's own step, made of the same statistics by the same function.
 
-    def _scaled(self, frames: dict[str, Tensor]) -> dict[str, Tensor]:
+        Returns:
+            Features of all N frames, each (N, *shape), actions (N, A), and where each episode lies among them.
+        """
+        first = self._store is None
+        store = self._episodes(batch)
+        frames, packing = store.gather(batch["episode_index"], self._device)
+        frames = self.scaled(frames)
+        frames[ACTION] = frames[ACTION].reshape(packing.total, -1)
+        if first:
+            self._check_scaling(batch, frames, store.starts, packing)
+        return frames, packing
+
+    def scaled(self, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """What the preprocessor does to observations and actions in a rollout, done to stored ones."""
         observations = {key: _unit_range(value, self.config.input_features.get(key)) for key, value in frames.items()}
         del observations[ACTION]
         scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: frames[ACTION]})
         return {**scaled[TransitionKey.OBSERVATION], ACTION: scaled[TransitionKey.ACTION]}
 
-    def _action_bounds(self, stats: dict[str, dict[str, Any]] | None) -> Tensor:
+    @property
+    def episode_store(self) -> EpisodeStore:
+        """Every episode of the training dataset, read at first use."""
+        return self._episodes({})
+
+    def _episodes(self, batch: Mapping[str, Any]) -> EpisodeStore:
+        if self._store is None:
+            if self._dataset is None:
+                raise UserError(
+                    f"{self.name} learns from whole episodes: build it with make_policy(cfg, ds_meta=dataset.meta)"
+                )
+            ours = renamed_features(self.config.input_features, self._dataset.features, batch)
+            theirs = {name: key for key, name in ours.items()}
+            keys = [*(theirs.get(key, key) for key in self.config.input_features), ACTION]
+            location = self.config.episode_store
+            store = load_episodes(self._dataset, keys, location).renamed(ours)
+            self._store = store.to(self._device) if location == "device" else store
+        return self._store
+
+    def _check_scaling(
+        self, batch: Mapping[str, Any], frames: Mapping[str, Tensor], starts: Tensor, packing: Packing
+    ) -> None:
+        """Compare the batch's frames as the preprocessor made them: LeRobot resumes with a checkpoint's statistics."""
+        if "index" not in batch:
+            return
+        episodes, index = batch["episode_index"].reshape(-1).cpu(), batch["index"].reshape(-1).cpu()
+        rows = (index - starts[episodes] + packing.lengths.cumsum(0) - packing.lengths).to(packing.device)
+        numbers = [key for key, value in self.config.input_features.items() if value.type is FeatureType.STATE]
+        for key in (key for key in (*numbers, ACTION) if key in batch):
+            ours, theirs = frames[key][rows].float(), batch[key].to(packing.device).float()
+            if not torch.allclose(ours.flatten(), theirs.flatten(), rtol=1e-3, atol=1e-4, equal_nan=True):
+                raise UserError(
+                    f"the preprocessor scales `{key}` by other statistics than the dataset's, which have changed since "
+                    "the checkpoint: fine-tune it with --policy.path instead of resuming, or restore meta/stats.json"
+                )
+
+    def _action_bounds(self, stats: Stats | None) -> Tensor:
         """Least and greatest demonstrated action (2, A), normalised; a checkpoint brings its own."""
         size = self.config.action_feature.shape[0]
         if not stats or ACTION not in stats:
             return torch.tensor([[-1.0], [1.0]]).expand(2, size).clone()
         bounds = torch.stack([torch.as_tensor(stats[ACTION][name]).float().view(size) for name in ("min", "max")])
-        return self._normalize({TransitionKey.OBSERVATION: {}, TransitionKey.ACTION: bounds})[
-            TransitionKey.ACTION
-        ].cpu()
+        return self.scaled({ACTION: bounds})[ACTION].cpu()
 
     @property
     def _device(self) -> torch.device:
@@ -168,7 +204,7 @@ class EpisodePolicy(PreTrainedPolicy):
 
     def reset(self) -> None:
         """Forget the rollout: the next observation is an episode's first."""
-        self._history, self._instruction = None, None
+        self._history = None
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Any], **_: Any) -> Tensor:
@@ -177,10 +213,14 @@ class EpisodePolicy(PreTrainedPolicy):
         Another instruction than the step before starts a new episode.
 
         Args:
-            batch: From this policy's preprocessor: observation features (B, *shape) and instruction tokens (B, M).
+            batch: From this policy's preprocessor: observation features (B, *shape), instruction tokens (B, M) and, to
+                tell instructions apart whose words are all unknown, their texts.
 
         Returns:
             Actions (B, A); categorical ones as class numbers (B, 1).
+
+        Raises:
+            UserError: The environment does not show what the policy was trained on, or a number is not finite.
         """
         self.action_outputs(batch)
         return self._history.actions
@@ -189,30 +229,41 @@ class EpisodePolicy(PreTrainedPolicy):
     def action_outputs(self, batch: dict[str, Any]) -> Tensor:
         """Advance the rollout by one step; returns what actions are picked from: logits (B, classes) or means."""
         self.eval()
-        tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
-        if self._history is None or self._instruction is None or not torch.equal(tokens, self._instruction):
-            self._check_world(batch)
-            self._begin(tokens, valid)
-        observations = {key: batch[key] for key in self.config.input_features}
+        observations = self._observations(batch)
+        instructions = _instructions(batch)
+        if self._history is None or instructions != self._instructions:
+            told = (batch.get(TransitionKey.INFO.value) or {}).get(KEY, {})
+            check_feature_info(self.config.feature_info or {}, told)
+            self._begin(*_words(batch))
+            self._instructions = instructions
         outputs = self.network.act(self._history, observations)
+        if not torch.isfinite(outputs).all():
+            raise UserError(_blame_world(observations))
         self._history.actions = self.network.head.pick(outputs, self._generator)
         return outputs
 
-    def _check_world(self, batch: dict[str, Any]) -> None:
-        """Raise `UserError` if an environment does not show what the policy was trained on."""
-        missing = [key for key in self.config.input_features if key not in batch]
-        if missing:
+    def _observations(self, batch: Mapping[str, Any]) -> dict[str, Tensor]:
+        """What the policy looks at, (B, *shape) each; `UserError` if the world does not show it."""
+        wanted, count = self.config.input_features, len(_words(batch)[0])
+        if missing := [key for key in wanted if key not in batch]:
             shown = ", ".join(sorted(key for key in batch if key.startswith(OBS_PREFIX) and "language" not in key))
             raise UserError(
                 f"the policy was trained on {', '.join(missing)}, but the environment shows {shown or 'nothing'}: "
-                "choose what it shows (LOReL: --env.obs_type=state, pixels or pixels_state)"
+                "choose the world it was trained in, or what that shows (LOReL: --env.obs_type=state, pixels or "
+                "pixels_state)"
             )
-        told = (batch.get(TransitionKey.INFO.value) or {}).get(KEY, {})
-        check_feature_info(self.config.feature_info or {}, told)
+        for key, feature in wanted.items():
+            shape = tuple(getattr(batch[key], "shape", ()))
+            if len(shape) < 2 or shape[0] != count or not _same_size(shape[1:], feature):
+                raise UserError(
+                    f"`{key}` has shape {shape}, but the policy takes {(count, *feature.shape)}, a row for each "
+                    "instruction: add the batch dimension, or choose the world it was trained in"
+                )
+        return {key: batch[key] for key in wanted}
 
     def _begin(self, tokens: Tensor, valid: Tensor) -> None:
         """Start a rollout; what it draws depends on how many came before it, not on what else used random numbers."""
-        self._history, self._instruction = self.network.begin(tokens, valid), tokens
+        self._history = self.network.begin(tokens, valid)
         self._generator = torch.Generator(tokens.device).manual_seed(self.config.action_seed + self.rollouts)
         self.rollouts += 1
 
@@ -221,7 +272,25 @@ class EpisodePolicy(PreTrainedPolicy):
         """Actions (B, 1, A): both policies look at every observation, so a chunk is one action long."""
         return self.select_action(batch, **kwargs)[:, None]
 
-    # Hub.
+    # Checkpoints and the Hub.
+
+    @classmethod
+    def _load_as_safetensor(
+        cls, model: "EpisodePolicy", model_file: str, map_location: str, strict: bool
+    ) -> "EpisodePolicy":
+        """Fill in the weights; all must be there, whatever `strict` says: random ones act without a word."""
+        try:
+            missing, unexpected = load_model(model, model_file, strict=False, device=map_location)
+        except (RuntimeError, OSError, SafetensorError) as error:
+            reason = " ".join(str(error).split())
+            raise UserError(
+                f"{model_file}: the weights do not fit the policy here ({reason:.200}): choose the world it was "
+                "trained in, or another checkpoint"
+            ) from error
+        if missing or (strict and unexpected):
+            names = ", ".join(sorted(missing or unexpected))
+            raise UserError(f"{model_file}: weights are missing or unknown ({names:.200}): take another checkpoint")
+        return model
 
     def generate_model_card(
         self,
@@ -237,11 +306,43 @@ class EpisodePolicy(PreTrainedPolicy):
 
 
 def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
+    """What LeRobot's hook for features has not been told."""
     starts, stops = (meta.episodes[f"dataset_{end}_index"][:] for end in ("from", "to"))
-    config.describe_dataset(meta.features, meta.stats, max(b - a for a, b in zip(starts, stops, strict=True)))
+    config.set_dataset_statistics(meta.stats, max(b - a for a, b in zip(starts, stops, strict=True)))
     if config.language_encoder == WORDS and not config.vocabulary:
         config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
         logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))
+
+
+def _words(batch: Mapping[str, Any]) -> tuple[Tensor, Tensor]:
+    """Instruction tokens (B, M) and which of them are real (B, M)."""
+    if OBS_LANGUAGE_TOKENS not in batch:
+        raise UserError(f"the batch has no {OBS_LANGUAGE_TOKENS}: pass it through the policy's preprocessor")
+    return batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
+
+
+def _instructions(batch: Mapping[str, Any]) -> list[Any]:
+    """What tells B instructions from others: their texts, or their tokens where a batch does not bring the texts."""
+    task = batch.get("task")
+    return list(task) if task is not None and not isinstance(task, str) else [task, batch[OBS_LANGUAGE_TOKENS].tolist()]
+
+
+@contextmanager
+def _drawing_from(batch: Mapping[str, Any], training: bool) -> Iterator[None]:
+    """Let a training step draw (dropout, codes to revive) from a seed that its frames, in their order, make.
+
+    LeRobot restores torch's generator when it resumes, but its loader then draws from it once more than without an
+    interruption. Which frames make a step depends on `--seed` and the step alone, resumed or not.
+    """
+    if not training:
+        yield
+        return
+    frames = batch.get("index", batch["episode_index"])
+    rank = torch.distributed.get_rank() if torch.distributed.is_initialized() else 0
+    drawn = hashlib.blake2b(repr((rank, frames.reshape(-1).tolist())).encode(), digest_size=7)
+    with torch.random.fork_rng([frames.device] if frames.device.type == "cuda" else []):
+        torch.manual_seed(int.from_bytes(drawn.digest()))
+        yield
 
 
 def _numbers(metrics: Metrics) -> dict[str, float]:
@@ -250,13 +351,35 @@ def _numbers(metrics: Metrics) -> dict[str, float]:
     return dict(zip(metrics, values, strict=True))
 
 
+def _blame_data(frames: Mapping[str, Tensor], packing: Packing, episodes: Tensor) -> None:
+    """Raise `UserError` if a loss that is not finite comes from an episode; training in halves may get over others."""
+    for key, column in frames.items():
+        bad = ~torch.isfinite(column.flatten(1)).all(1)
+        if bad.any():
+            episode = int(episodes.reshape(-1)[packing.sequence[bad][0].to(episodes.device)])
+            raise UserError(
+                f"episode {episode}: `{key}` holds NaN or infinite numbers: mend the dataset, or train without the "
+                "episode (--dataset.episodes)"
+            )
+
+
+def _blame_world(observations: Mapping[str, Tensor]) -> str:
+    """Why predictions are not finite."""
+    for key, value in observations.items():
+        if not torch.isfinite(value).all():
+            return f"`{key}` holds NaN or infinite numbers: look at the sensor; no action is taken on it"
+    return "the policy's weights make predictions that are NaN or infinite: take another checkpoint"
+
+
+def _same_size(shape: tuple[int, ...], feature: PolicyFeature) -> bool:
+    """Whether an observation fits; images may have another height and width."""
+    if feature.type is FeatureType.VISUAL:
+        return len(shape) == 3 and shape[0] == feature.shape[0]
+    return math.prod(shape) == math.prod(feature.shape)
+
+
 def _unit_range(stored: Tensor, feature: PolicyFeature | None) -> Tensor:
     """Pictures wait in the store as bytes; rollouts and statistics have them in 0..1."""
     if feature is None or feature.type is not FeatureType.VISUAL:
         return stored
     return stored.float() / 255 if stored.dtype == torch.uint8 else stored
-
-
-def _normalizer(config: EpisodePolicyConfig, stats: dict[str, dict[str, Any]] | None) -> NormalizerProcessorStep:
-    features = {**(config.input_features or {}), **(config.output_features or {})}
-    return NormalizerProcessorStep(features=features, norm_map=config.normalization_mapping, stats=stats)

@@ -11,10 +11,10 @@ from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
 from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead
-from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
-from lerobot_lisa.policies.dataset_facts import GRID_SYMBOLS
-from lerobot_lisa.policies.instructions import missing_language_encoder
+from lerobot_lisa.policies.base_configuration import SYMBOLS, WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_processor import missing_language_encoder
 
+MOST_PARAMETERS = 2_000_000_000  # of a language encoder
 KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VISUAL: "image"}
 
 
@@ -25,7 +25,7 @@ def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
         UserError: The image backbone is unknown or does not fit the images.
     """
     specs = {
-        key: ObservationSpec(KINDS[feature.type], tuple(feature.shape), GRID_SYMBOLS)  # type: ignore[arg-type]
+        key: ObservationSpec(KINDS[feature.type], tuple(feature.shape), SYMBOLS)  # type: ignore[arg-type]
         for key, feature in (config.input_features or {}).items()
     }
     try:
@@ -60,10 +60,10 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
 
     if config.language_model is None:
         model = _download(AutoModel, config.language_encoder)
+        _check_size(model)
         config.language_model = _jsonable(model.config.to_dict())
     else:
-        noted = dict(config.language_model)
-        model = AutoModel.from_config(AutoConfig.for_model(noted.pop("model_type"), **noted))
+        model = _rebuild(config.language_model, AutoConfig, AutoModel)
     encoder = PretrainedEncoder(model, config.freeze_language_encoder)
     return LanguageEncoder(encoder, config.dim_model)
 
@@ -78,6 +78,29 @@ def _download(factory: Any, name: str) -> Any:
         return factory.from_pretrained(name)
     except (OSError, ValueError) as error:
         raise UserError(missing_language_encoder(name)) from error
+
+
+def _rebuild(noted: dict[str, Any], configs: Any, factory: Any) -> Any:
+    """The encoder that a checkpoint notes, first without memory: the note may come from anybody."""
+    try:
+        config = configs.for_model(**noted)
+        layers = [value for key, value in noted.items() if "layers" in key and isinstance(value, int)]
+        if max(layers, default=0) > 200:
+            raise ValueError("it has more than 200 layers")
+        with torch.device("meta"):
+            _check_size(factory.from_config(config))
+        return factory.from_config(config)
+    except (ValueError, TypeError, AttributeError, KeyError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise UserError(f"config.json: language_model describes no encoder: {reason:.200}") from error
+
+
+def _check_size(model: nn.Module) -> None:
+    size = sum(parameter.numel() for parameter in model.parameters())
+    if size > MOST_PARAMETERS:
+        raise UserError(
+            f"the language encoder has {size:.1e} parameters, {MOST_PARAMETERS:.0e} is the most: a smaller one"
+        )
 
 
 def _jsonable(settings: dict[str, Any]) -> dict[str, Any]:

@@ -27,7 +27,8 @@ def described(
     features = features or {"observation.grid": tiny_datasets.GRID, "action": tiny_datasets.CLASSES}
     settings = {"input_features": {"observation.grid": GRID}, "output_features": {"action": ACTION}, **settings}
     cfg = config(kind, **settings)
-    cfg.describe_dataset(features, stats, longest=23)
+    cfg.set_dataset_feature_metadata(features)
+    cfg.set_dataset_statistics(stats, longest=23)
     return cfg
 
 
@@ -87,7 +88,7 @@ BAD_FEATURES = {
     ),
     "two categorical actions": (
         {"output_features": {"action": PolicyFeature(FeatureType.ACTION, (2,))}},
-        r"a categorical action has shape \(1,\), this one \(2,\)",
+        r"chooses one of 7 actions, but `action` here has 2 numbers: evaluate it in the world it was trained in",
     ),
     "normalised categories": ({"normalization_mapping": MEAN_STD}, "a categorical action cannot be normalised"),
     "normalised symbols": (
@@ -121,28 +122,48 @@ def test_features_that_cannot_work(kind: str, case: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+NAN, INF = float("nan"), float("inf")
 BAD_SETTINGS = {
-    "dim_model": 7,
-    "n_heads": 3,
+    "dim_model": (7, 0, -2, 10**9, 10**4000),
+    "n_heads": (3, 0, -4),
+    "dropout": (-0.1, 1.1, NAN, INF),
+    "action_amplification": (-1.0, NAN, INF),
+    "action_components": (0, 10**9),
+    "action_seed": (-1, 2**70),
+    "action_classes": (-1, 10**9),
+    "max_timesteps": (0, 10**12),
+    "optimizer_lr": (-1e-4, NAN, INF),
+    "optimizer_lr_language": (-1e-4, NAN, INF),
+    "optimizer_betas": ((0.9, 1.0), (NAN, 0.9)),
+    "optimizer_eps": (-1e-8, NAN),
+    "optimizer_weight_decay": (-0.1, NAN, INF),
+    "optimizer_grad_clip_norm": (-1.0, NAN),
+    "scheduler_warmup_steps": (-1,),
+    "device": ("gpu", "cuda:x", "x" * 5000),
     "episode_store": "cloud",
     "scheduler": "linear",
     "dtype": "int8",
     "action_head": "diffusion",
-    "action_bins": 1,
-    "action_temperature": -1.0,
+    "action_bins": (1, 10**9),
+    "action_temperature": (-1.0, NAN, INF),
 }
 BAD_LISA = {
-    "horizon": 0,
-    "codebook_size": 0,
-    "code_width": 0,
-    "n_predictor_layers": 0,
-    "n_policy_layers": 0,
-    "codebook_decay": 1.0,
+    "horizon": (0, 10**9),
+    "codebook_size": (0, 10**9),
+    "code_width": (0, 10**9),
+    "n_predictor_layers": (0, 10**6),
+    "n_policy_layers": (0, 10**6),
+    "codebook_decay": (1.0, -0.1, NAN),
+    "commitment_weight": (-1.0, NAN, INF),
+    "dead_code_threshold": (-1.0, NAN, INF),
+    "optimizer_lr_skill_predictor": (-1e-5, NAN, INF),
 }
-BAD_LANG_DT = {"n_layers": 0, "padding_waste": 1.5}
+BAD_LANG_DT = {"n_layers": (0, 10**6), "padding_waste": (-0.1, 1.5, NAN)}
 CASES = [
-    *(("lisa", *item) for item in {**BAD_SETTINGS, **BAD_LISA}.items()),
-    *(("lang_dt", *item) for item in {**BAD_SETTINGS, **BAD_LANG_DT}.items()),
+    (kind, name, value)
+    for kind, settings in (("lisa", {**BAD_SETTINGS, **BAD_LISA}), ("lang_dt", {**BAD_SETTINGS, **BAD_LANG_DT}))
+    for name, values in settings.items()
+    for value in (values if isinstance(values, tuple) else (values,))
 ]
 
 
@@ -151,6 +172,23 @@ def test_settings_that_cannot_work(kind: str, name: str, value: Any) -> None:
     with pytest.raises(UserError, match=rf"--policy\.{name}") as caught:
         config(kind, **{name: value})
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 200
+
+
+TOO_LARGE = {
+    "width": {"dim_model": 8192, "n_layers": 100},
+    "steps": {"max_timesteps": 10**7, "dim_model": 128},
+    "features": {"input_features": {"observation.state": PolicyFeature(FeatureType.STATE, (10**9,))}},
+    "actions": {"output_features": {"action": PolicyFeature(FeatureType.ACTION, (10**9,))}},
+    "words": {"vocabulary": ["go"] * 4_000_000, "dim_model": 128},
+}
+
+
+@pytest.mark.parametrize("case", TOO_LARGE)
+def test_a_configuration_that_would_fill_the_memory(case: str) -> None:
+    """Each number alone may pass; whoever wrote the config.json, nothing is allocated."""
+    with pytest.raises(UserError, match=r"about \S+ parameters, 5e\+08 is the most"):
+        config("lang_dt", **TOO_LARGE[case])
 
 
 @BOTH

@@ -19,7 +19,7 @@ def described(action: dict[str, Any], **settings: Any) -> list[int]:
         output_features={"action": PolicyFeature(FeatureType.ACTION, (5,))},
         **settings,
     )
-    cfg.describe_dataset({"observation.state": tiny_datasets.STATE, "action": action}, None, longest=20)
+    cfg.set_dataset_feature_metadata({"observation.state": tiny_datasets.STATE, "action": action})
     cfg.validate_features()
     return cfg.ignored_action_dimensions
 

@@ -9,7 +9,7 @@ from lerobot.utils.constants import OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TO
 from torch import Tensor
 
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.instructions import LONGEST, InstructionStep, build_vocabulary, word_tokenizer
+from lerobot_lisa.policies.base_processor import LONGEST, InstructionStep, build_vocabulary, word_tokenizer
 
 TEXTS = ["go to the Red ball", "open a door, then go", ""]
 

@@ -57,7 +57,7 @@ def assert_rollout_is_training(made: Training, steps: int) -> None:
         outputs.append(policy.action_outputs(batch))
         actions.append(policy._history.actions)
         codes.append(getattr(policy, "skill_codes", None))
-    frames = made.policy._scaled(
+    frames = made.policy.scaled(
         {
             **{key: value.flatten(0, 1) for key, value in observations.items()},
             ACTION: torch.zeros(steps * len(TASKS), policy.config.action_feature.shape[0]),
@@ -116,7 +116,7 @@ def test_stored_frames_are_scaled_as_the_preprocessor_scales(
     settings = {} if data == "symbolic" else {"normalization_mapping": NORMALISED}
     made = training(kind, request.getfixturevalue(data), **settings)
     frames, _ = made.policy.episode_store.gather(torch.arange(made.dataset.num_episodes))
-    scaled = made.policy._scaled(frames)
+    scaled = made.policy.scaled(frames)
     loaded = made.batch(range(len(made.dataset)))
 
     for key in [*made.policy.config.input_features, ACTION]:

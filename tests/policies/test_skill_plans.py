@@ -66,5 +66,8 @@ def test_bad_plans_are_refused(continuous: Path) -> None:
     with pytest.raises(UserError, match="is no part of a plan"):
         policy.follow("all of them")
     assert policy.config.skill_plan is None
+    with pytest.raises(UserError, match=r"'9{20}' is no part of a plan") as caught:
+        policy.follow("9" * 5000)
+    assert len(str(caught.value)) < 300
     with pytest.raises(UserError, match="codes 0 to 4"):
         training("lisa", continuous, skill_plan="5")

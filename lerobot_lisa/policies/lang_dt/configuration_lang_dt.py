@@ -1,10 +1,10 @@
 """Settings of the Lang-DT policy."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 
 
@@ -21,10 +21,8 @@ class LangDTConfig(EpisodePolicyConfig):
     n_layers: int = 2
     padding_waste: float = 0.15
 
-    def __post_init__(self) -> None:
-        """Refuse settings that cannot work, before anything is loaded."""
-        super().__post_init__()
-        if self.n_layers < 1:
-            raise UserError(f"--policy.n_layers={self.n_layers} must be at least 1")
-        if not 0 <= self.padding_waste <= 1:
-            raise UserError(f"--policy.padding_waste={self.padding_waste} must be between 0 and 1")
+    BOUNDS: ClassVar[dict[str, tuple[float, float]]] = {
+        **EpisodePolicyConfig.BOUNDS,
+        "n_layers": (1, 128),
+        "padding_waste": (0, 1),
+    }

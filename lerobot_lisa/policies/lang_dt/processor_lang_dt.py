@@ -1,7 +1,7 @@
 """LangDT's pipelines under the name LeRobot looks for."""
 
+from lerobot_lisa.policies.base_processor import Pipelines, Stats, make_pipelines
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
-from lerobot_lisa.policies.processors import Pipelines, Stats, make_pipelines
 
 
 def make_lang_dt_pre_post_processors(config: LangDTConfig, dataset_stats: Stats | None = None) -> Pipelines:

@@ -1,10 +1,10 @@
 """Settings of the LISA policy."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 
 
@@ -48,13 +48,19 @@ class LisaConfig(EpisodePolicyConfig):
 
     optimizer_lr_skill_predictor: float = 1e-5
 
-    def __post_init__(self) -> None:
-        """Refuse settings that cannot work, before anything is loaded."""
-        super().__post_init__()
-        for name in ("n_predictor_layers", "n_policy_layers", "horizon", "codebook_size", "code_width"):
-            if getattr(self, name) < 1:
-                raise UserError(f"--policy.{name}={getattr(self, name)} must be at least 1")
-        if not 0 <= self.codebook_decay < 1:
-            raise UserError(
-                f"--policy.codebook_decay={self.codebook_decay} must be at least 0 and below 1, such as 0.99"
-            )
+    BOUNDS: ClassVar[dict[str, tuple[float, float]]] = {
+        **EpisodePolicyConfig.BOUNDS,
+        "n_predictor_layers": (1, 128),
+        "n_policy_layers": (1, 128),
+        "horizon": (1, 10**6),
+        "codebook_size": (1, 10**6),
+        "code_width": (1, 8192),
+        "codebook_decay": (0, 0.999999),
+        "commitment_weight": (0, 1e6),
+        "dead_code_threshold": (0, 1e9),
+        "optimizer_lr_skill_predictor": (0, 100),
+    }
+
+    def _count_parameters(self) -> int:
+        codebook = 2 * self.code_width * (self.codebook_size + self.dim_model)
+        return super()._count_parameters() + codebook + self.dim_model * self.horizon

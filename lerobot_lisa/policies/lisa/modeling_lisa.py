@@ -51,9 +51,9 @@ class LisaPolicy(EpisodePolicy):
             language=make_language_encoder(config),
             observations=make_observation_encoder(config),
             predictor=make_skill_predictor(config),
-            codebook=make_skills(config),
+            codebook=make_bottleneck(config),
             skill_embedding=nn.Linear(config.dim_model, config.dim_model),
-            policy=make_policy(config, action_bounds),
+            policy=make_action_predictor(config, action_bounds),
             horizon=config.horizon,
             predictor_observations=None if config.shared_observation_encoder else make_observation_encoder(config),
         )
@@ -119,7 +119,7 @@ def _describe(skills: Quantized, size: int) -> Metrics:
     }
 
 
-def make_skills(config: LisaConfig) -> Skills:
+def make_bottleneck(config: LisaConfig) -> Skills:
     """The codebook, or nothing but a narrow passage."""
     if config.continuous_skills:
         return ContinuousSkills(config.dim_model, config.code_width)
@@ -143,7 +143,7 @@ def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
     )
 
 
-def make_policy(config: LisaConfig, action_bounds: Tensor) -> ActionPredictor:
+def make_action_predictor(config: LisaConfig, action_bounds: Tensor) -> ActionPredictor:
     """pi: sees one chunk, and knows where in the chunk it is but not where in the episode."""
     return ActionPredictor(
         TimestepEmbedding(config.horizon, config.dim_model),

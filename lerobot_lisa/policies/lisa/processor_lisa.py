@@ -1,7 +1,7 @@
 """Lisa's pipelines under the name LeRobot looks for."""
 
+from lerobot_lisa.policies.base_processor import Pipelines, Stats, make_pipelines
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
-from lerobot_lisa.policies.processors import Pipelines, Stats, make_pipelines
 
 
 def make_lisa_pre_post_processors(config: LisaConfig, dataset_stats: Stats | None = None) -> Pipelines:

@@ -1,4 +1,4 @@
-"""Instructions to token ids, by a preprocessor step that carries its whole tokenizer: checkpoints need no download."""
+"""Both policies' pipelines, with a step that turns instructions into token ids and carries its whole tokenizer."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -8,16 +8,51 @@ from typing import Any
 import torch
 from lerobot.configs import FeatureType, PipelineFeatureType, PolicyFeature
 from lerobot.lerobot_types import TransitionKey
-from lerobot.processor import ObservationProcessorStep, ProcessorStepRegistry
+from lerobot.processor import (
+    NormalizerProcessorStep,
+    ObservationProcessorStep,
+    PolicyAction,
+    PolicyProcessorPipeline,
+    ProcessorStepRegistry,
+    make_default_policy_processor_steps,
+    make_policy_processor_pipelines,
+)
 from lerobot.utils.constants import OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers
 from torch import Tensor
 
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
 
+Stats = dict[str, dict[str, Any]]
+Pipelines = tuple[
+    PolicyProcessorPipeline[dict[str, Any], dict[str, Any]], PolicyProcessorPipeline[PolicyAction, PolicyAction]
+]
 PADDING, UNKNOWN = "[PAD]", "[UNK]"
 LONGEST = 512  # tokens; what BERT-like encoders can take
 REMEMBERED = 200_000  # instructions whose token ids are kept
+
+
+def make_pipelines(config: EpisodePolicyConfig, dataset_stats: Stats | None = None) -> Pipelines:
+    """Rename, batch, tokenise the instruction, move to the device, normalise; and back for actions."""
+    steps = make_default_policy_processor_steps(config, dataset_stats)
+    words = config.language_encoder == WORDS
+    tokenizer = word_tokenizer(config.vocabulary) if words else pretrained_tokenizer(config.language_encoder)
+    return make_policy_processor_pipelines(
+        input_steps=[
+            steps.rename_observations,
+            steps.add_batch_dim,
+            InstructionStep(tokenizer),
+            steps.to_device,
+            steps.normalize,
+        ],
+        output_steps=[steps.unnormalize, steps.to_cpu],
+    )
+
+
+def make_normalizer(config: EpisodePolicyConfig, dataset_stats: Stats | None) -> NormalizerProcessorStep:
+    """The pipelines' own step, for whole episodes, which do not come through them (see `EpisodePolicy`)."""
+    return make_default_policy_processor_steps(config, dataset_stats).normalize
 
 
 def build_vocabulary(instructions: Iterable[str], limit: int = 10_000) -> list[str]:
@@ -96,9 +131,15 @@ class InstructionStep(ObservationProcessorStep):
         task = (self.transition.get(TransitionKey.COMPLEMENTARY_DATA) or {}).get("task")
         if task is None:
             raise UserError("no instruction: put the task string into the batch under the key `task`")
-        return [task] if isinstance(task, str) else list(task)
+        instructions = [task] if isinstance(task, str) else list(task)
+        for text in instructions:
+            if not isinstance(text, str):
+                raise UserError(f"an instruction is a string, but `task` holds {text!r:.60}")
+        return instructions
 
     def _tokenise(self, instructions: list[str]) -> tuple[Tensor, Tensor]:
+        if not instructions:
+            raise UserError("no instruction: `task` is empty")
         ids = [self._look_up(text) for text in instructions]
         longest = max(len(row) for row in ids)
         tokens = torch.tensor([row + [0] * (longest - len(row)) for row in ids])
