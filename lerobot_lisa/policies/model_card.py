@@ -1,5 +1,6 @@
 """Model cards for the Hub: what the policy is, where it comes from, how to run it."""
 
+import re
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ SHOWN = (
     "dim_model", "n_heads", "dropout", "language_encoder", "optimizer_lr", "optimizer_lr_skill_predictor",
 )  # fmt: skip
 EXAMPLES = 5  # instructions shown; a dataset may have 100,000
+LONGEST = 100  # characters of an instruction or a name
 
 
 def make_model_card(
@@ -48,13 +50,13 @@ def _context(
 ) -> dict[str, Any]:
     env = getattr(train, "env", None)
     return {
-        "title": config.repo_id or config.type,
-        "repo_id": config.repo_id or "path/or/repo",
+        "title": plain(config.repo_id or config.type),
+        "repo_id": plain(config.repo_id or "path/or/repo"),
         "type": config.type,
         "summary": SUMMARIES.get(config.type, ""),
-        "env_type": getattr(env, "type", "babyai"),
-        "env_task": getattr(env, "task", "GoToLocal"),
-        "settings": [(name, getattr(config, name)) for name in SHOWN if hasattr(config, name)],
+        "env_type": plain(getattr(env, "type", "babyai")),
+        "env_task": plain(getattr(env, "task", "GoToLocal")),
+        "settings": [(name, plain(getattr(config, name))) for name in SHOWN if hasattr(config, name)],
         "dataset": _describe(dataset),
         "training": train and {"steps": train.steps, "batch_size": train.batch_size, "seed": train.seed},
     }
@@ -64,9 +66,18 @@ def _describe(dataset: "LeRobotDatasetMetadata | None") -> dict[str, Any] | None
     if dataset is None:
         return None
     return {
-        "repo_id": dataset.repo_id,
+        "repo_id": plain(dataset.repo_id),
         "episodes": dataset.total_episodes,
         "frames": dataset.total_frames,
         "instructions": len(dataset.tasks),
-        "examples": [str(task) for task in dataset.tasks.index[:EXAMPLES]],
+        "examples": [plain(task) for task in dataset.tasks.index[:EXAMPLES]],
     }
+
+
+def plain(text: object) -> str:
+    """One short line that means nothing in Markdown, HTML or a table: a dataset's words are anybody's.
+
+    What could mean something gives way to a blank; backticks around what is left make the rest literal.
+    """
+    line = " ".join(re.sub(r"[`|<>\\\x00-\x1f\x7f-\x9f\u2028\u2029]", " ", str(text)[: 4 * LONGEST]).split())
+    return line if len(line) <= LONGEST else f"{line[:LONGEST]}..."
