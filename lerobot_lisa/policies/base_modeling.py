@@ -282,7 +282,7 @@ class EpisodePolicy(PreTrainedPolicy):
         try:
             missing, unexpected = load_model(model, model_file, strict=False, device=map_location)
         except (RuntimeError, OSError, SafetensorError) as error:
-            reason = " ".join(str(error).split())
+            reason = " ".join(str(error).split()).removeprefix(f"Error(s) in loading state_dict for {cls.__name__}: ")
             raise UserError(
                 f"{model_file}: the weights do not fit the policy here ({reason:.200}): choose the world it was "
                 "trained in, or another checkpoint"

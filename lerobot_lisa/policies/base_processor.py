@@ -85,7 +85,7 @@ def pretrained_tokenizer(name: str) -> Tokenizer:
     from transformers import AutoTokenizer  # slow to import, and word-level policies do without
 
     try:
-        loaded = AutoTokenizer.from_pretrained(name)
+        loaded = AutoTokenizer.from_pretrained(name, trust_remote_code=False)
     except (OSError, ValueError) as error:
         raise UserError(missing_language_encoder(name)) from error
     if not loaded.is_fast:
@@ -98,7 +98,7 @@ def pretrained_tokenizer(name: str) -> Tokenizer:
         )
     tokenizer: Tokenizer = loaded.backend_tokenizer
     tokenizer.no_padding()
-    tokenizer.enable_truncation(LONGEST)
+    tokenizer.enable_truncation(min(LONGEST, loaded.model_max_length))
     return tokenizer
 
 

@@ -1,5 +1,6 @@
 """Build the network parts that both policies share from a policy's settings."""
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -56,14 +57,11 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
     """
     if config.language_encoder == WORDS:
         return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.dim_model), config.dim_model)
-    from transformers import AutoConfig, AutoModel  # slow to import, and word-level policies do without
-
     if config.language_model is None:
-        model = _download(AutoModel, config.language_encoder)
-        _check_size(model)
+        model = _fetch(config.language_encoder)
         config.language_model = _jsonable(model.config.to_dict())
     else:
-        model = _rebuild(config.language_model, AutoConfig, AutoModel)
+        model = _rebuild(config.language_model)
     encoder = PretrainedEncoder(model, config.freeze_language_encoder)
     return LanguageEncoder(encoder, config.dim_model)
 
@@ -73,33 +71,56 @@ def parameter_group(name: str, modules: list[nn.Module], rate: float) -> dict[st
     return {"name": name, "params": list(nn.ModuleList(modules).parameters()), "lr": rate}
 
 
-def _download(factory: Any, name: str) -> Any:
+def _fetch(name: str) -> Any:
     try:
-        return factory.from_pretrained(name)
+        model = _text_encoder(lambda factory: factory.from_pretrained(name, trust_remote_code=False))
     except (OSError, ValueError) as error:
         raise UserError(missing_language_encoder(name)) from error
-
-
-def _rebuild(noted: dict[str, Any], configs: Any, factory: Any) -> Any:
-    """The encoder that a checkpoint notes, first without memory: the note may come from anybody."""
+    _check_size(model)
+    tokens = torch.ones(1, 2, dtype=torch.long)
     try:
-        config = configs.for_model(**noted)
+        with torch.no_grad():
+            model(input_ids=tokens, attention_mask=tokens).last_hidden_state.view(1, 2, model.config.hidden_size)
+    except Exception as error:  # every model says it in its own way
+        raise UserError(
+            f"language encoder {name}: a {type(model).__name__} cannot read instructions alone: choose an encoder of "
+            "text, such as DistilBERT, T5's encoder or CLIP's text model"
+        ) from error
+    return model
+
+
+def _rebuild(noted: dict[str, Any]) -> Any:
+    """The encoder that a checkpoint notes, first without memory: the note may come from anybody."""
+    from transformers import AutoConfig
+
+    try:
         layers = [value for key, value in noted.items() if "layers" in key and isinstance(value, int)]
         if max(layers, default=0) > 200:
             raise ValueError("it has more than 200 layers")
+        config = AutoConfig.for_model(**noted)
         with torch.device("meta"):
-            _check_size(factory.from_config(config))
-        return factory.from_config(config)
-    except (ValueError, TypeError, AttributeError, KeyError, RuntimeError) as error:
+            _check_size(_text_encoder(lambda factory: factory.from_config(config, trust_remote_code=False)))
+        return _text_encoder(lambda factory: factory.from_config(config, trust_remote_code=False))
+    except Exception as error:  # every library says it in its own way
         reason = " ".join(str(error).split())
         raise UserError(f"config.json: language_model describes no encoder: {reason:.200}") from error
+
+
+def _text_encoder(make: Callable[[Any], Any]) -> Any:
+    """Of a model that does more, such as T5, the part that encodes text."""
+    from transformers import AutoModel, AutoModelForTextEncoding  # slow to import, and word-level policies do without
+
+    try:
+        return make(AutoModelForTextEncoding)
+    except ValueError:  # no such part
+        return make(AutoModel)
 
 
 def _check_size(model: nn.Module) -> None:
     size = sum(parameter.numel() for parameter in model.parameters())
     if size > MOST_PARAMETERS:
         raise UserError(
-            f"the language encoder has {size:.1e} parameters, {MOST_PARAMETERS:.0e} is the most: a smaller one"
+            f"the language encoder has {size:.1e} parameters, {MOST_PARAMETERS:.0e} is the most: choose a smaller one"
         )
 
 

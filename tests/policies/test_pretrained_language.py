@@ -2,9 +2,11 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+import transformers
 from lerobot.policies.factory import make_pre_post_processors
 from safetensors import safe_open
 from tiny_policies import Training, config, training
@@ -93,6 +95,68 @@ def test_checkpoints_need_no_folder(kind: str, frozen: bool, encoder: Path, symb
     assert torch.equal(loaded.action_outputs(preprocessor({**live, "task": tasks})), expected)
     with safe_open(checkpoint / "model.safetensors", "pt") as file:
         assert any("transformer" in key for key in file.keys())  # noqa: SIM118
+
+
+SMALL = {"hidden_size": 32, "num_hidden_layers": 1, "num_attention_heads": 2, "intermediate_size": 32}
+
+
+def replaced(encoder: Path, model: Any) -> str:
+    """Another model under the same tokenizer."""
+    (encoder / "model.safetensors").unlink()
+    model.save_pretrained(encoder)
+    return str(encoder)
+
+
+@pytest.mark.parametrize("name", ["T5EncoderModel", "T5ForConditionalGeneration", "CLIPTextModel", "GPT2Model"])
+def test_other_encoders_of_text(name: str, encoder: Path, symbolic: Path, tmp_path: Path) -> None:
+    """Of T5 only the encoder is taken, and it comes back from a checkpoint."""
+    kinds = {
+        "T5": transformers.T5Config(vocab_size=40, d_model=32, d_ff=32, d_kv=16, num_layers=1, num_heads=2),
+        "CL": transformers.CLIPTextConfig(vocab_size=40, max_position_embeddings=20, **SMALL),
+        "GP": transformers.GPT2Config(vocab_size=40, n_embd=32, n_layer=1, n_head=2),
+    }
+    path = replaced(encoder, getattr(transformers, name)(kinds[name[:2]]))
+    made = training("lang_dt", symbolic, language_encoder=path).warm_up()
+    assert not any("decoder" in key for key in made.policy.state_dict())
+    made.policy.save_pretrained(tmp_path / "checkpoint")
+
+    loaded = type(made.policy).from_pretrained(tmp_path / "checkpoint")
+
+    batch = made.preprocessor(
+        {"observation.grid": torch.ones(1, 147), "observation.direction": torch.ones(1, 1), "task": "go"}
+    )
+    assert torch.equal(loaded.action_outputs(batch), made.policy.action_outputs(batch))
+
+
+def test_a_model_that_reads_no_text_alone(encoder: Path, symbolic: Path) -> None:
+    image = {**SMALL, "image_size": 32, "patch_size": 16}
+    config = transformers.CLIPConfig(text_config={"vocab_size": 40, **SMALL}, vision_config=image)
+    with pytest.raises(UserError, match="a CLIPModel cannot read instructions alone: choose an encoder of text"):
+        training("lisa", symbolic, language_encoder=replaced(encoder, transformers.CLIPModel(config)))
+
+
+@pytest.mark.parametrize(
+    ("noted", "message"),
+    [
+        (
+            {"model_type": "distilbert", "dim": 65_536, "hidden_dim": 65_536, "n_heads": 2},
+            "parameters, 2e\\+09 is the most",
+        ),
+        ({"model_type": "bert", "num_hidden_layers": 10**6}, "more than 200 layers"),
+        ({"model_type": "no such"}, "Unrecognized model identifier"),
+        ({"dim": 32}, "describes no encoder"),
+        ({"model_type": "distilbert", "dim": -3}, "describes no encoder"),
+        ({"model_type": "distilbert", "dim": "wide"}, "describes no encoder"),
+    ],
+)
+def test_a_note_of_an_encoder_that_would_fill_the_memory(noted: dict[str, Any], message: str, symbolic: Path) -> None:
+    """A checkpoint's config.json may come from anybody."""
+    policy = training("lang_dt", symbolic).policy
+    policy.config.language_encoder, policy.config.language_model = "somebody/model", noted
+
+    with pytest.raises(UserError, match=message) as caught:
+        type(policy)(policy.config)
+    assert "\n" not in str(caught.value)
 
 
 @BOTH
