@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
 import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from lerobot.envs.utils import _LazyAsyncVectorEnv, freeze_after_episode_end
 from lerobot.utils.constants import ACTION, OBS_STR
 
+from lerobot_lisa.envs.options import names_in
+from lerobot_lisa.envs.vector import refuse_parallel_tasks, side_by_side
 from lerobot_lisa.errors import UserError
 
 
@@ -63,19 +63,10 @@ class BabyAIEnvConfig(EnvConfig):
         Raises:
             UserError: If minigrid is missing, a level is unknown or an option cannot work.
         """
-        if self.max_parallel_tasks > 1:
-            raise UserError(
-                f"env.max_parallel_tasks is {self.max_parallel_tasks}: LeRobot would run the levels on one policy at "
-                "the same time and mix up their histories; leave it at 1"
-            )
-        vectorise = _in_processes if use_async_envs and n_envs > 1 else _in_turn
-        return {"babyai": {i: vectorise(self._factory(level), n_envs) for i, level in enumerate(self._levels())}}
-
-    def _levels(self) -> list[str]:
-        levels = [name.strip() for name in self.task.split(",") if name.strip()]
-        if not levels:
-            raise UserError("env.task is empty: name a BabyAI level, or several separated by commas")
-        return levels
+        refuse_parallel_tasks(self)
+        factories = [self._factory(level) for level in names_in(self.task, "a BabyAI level")]
+        module = "lerobot_lisa.envs.babyai.env"
+        return {"babyai": {i: side_by_side([f] * n_envs, use_async_envs, module) for i, f in enumerate(factories)}}
 
     def _factory(self, level: str) -> partial:
         """Prepare to build one environment; builds one on trial, so that mistakes show here and not in a process."""
@@ -88,19 +79,3 @@ class BabyAIEnvConfig(EnvConfig):
         factory = partial(BabyAIEnv, task=level, **self.gym_kwargs)
         factory().close()
         return factory
-
-
-# LeRobot counts one step after an episode's end. With NEXT_STEP and frozen environments that step repeats the end;
-# with SAME_STEP, LeRobot's default, it would belong to the next episode, whose success would count.
-
-
-def _in_turn(factory: partial, n_envs: int) -> gym.vector.VectorEnv:
-    factories = [freeze_after_episode_end(factory)] * n_envs
-    return gym.vector.SyncVectorEnv(factories, autoreset_mode=gym.vector.AutoresetMode.NEXT_STEP)
-
-
-def _in_processes(factory: partial, n_envs: int) -> gym.vector.VectorEnv:
-    """Leave the start of the processes to the first use: LeRobot's wrapper, which also freezes as above."""
-    # Importing LeRobot takes seconds: once in the server that all processes are forked from, not in each of them.
-    get_context("forkserver").set_forkserver_preload(["__main__", "lerobot_lisa.envs.babyai.env"])
-    return _LazyAsyncVectorEnv([factory] * n_envs)

@@ -1,5 +1,6 @@
 """BabyAI as a gymnasium environment that LeRobot can evaluate policies in."""
 
+from math import inf
 from typing import Any
 
 import gymnasium as gym
@@ -8,7 +9,7 @@ from gymnasium import spaces
 
 from lerobot_lisa.envs.babyai.levels import check_level, make_level, max_steps_bound
 from lerobot_lisa.envs.babyai.render import Renderer, default_tile_size
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.envs.options import whole_number
 
 Observation = dict[str, np.ndarray]
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
@@ -43,11 +44,12 @@ class BabyAIEnv(gym.Env):
         Raises:
             UserError: If there is no such level, or a number is out of range.
         """
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise UserError(f"max_episode_steps is {max_episode_steps}: give at least 1, or leave it out")
+        if max_episode_steps is not None:
+            max_episode_steps = whole_number(max_episode_steps, 1, inf, f"max_episode_steps is {max_episode_steps!r}")
         self.task = check_level(task)
         self.task_description = ""
         self._level = make_level(task)
+        self._started = False
         self._renderer = Renderer(default_tile_size(self._level.width) if tile_size is None else tile_size)
         if max_episode_steps is not None:
             self._level.max_steps, self._level.fixed_max_steps = max_episode_steps, True
@@ -64,7 +66,7 @@ class BabyAIEnv(gym.Env):
         """Start an episode; the same seed gives the same episode, whatever came before."""
         super().reset(seed=seed)
         self._level.reset(seed=seed)
-        self.task_description = self._level.mission
+        self.task_description, self._started = self._level.mission, True
         return self._observation(), {"is_success": False}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -79,18 +81,32 @@ class BabyAIEnv(gym.Env):
 
         Raises:
             ValueError: If the action is not one number from 0 to 6.
+            gymnasium.error.ResetNeeded: If there was no reset, or the environment was closed since.
         """
+        self._check_started("step")
         _, reward, terminated, truncated, _ = self._level.step(_action_number(action))
         success = bool(terminated and reward > 0)
         return self._observation(), float(reward), bool(terminated), bool(truncated), {"is_success": success}
 
     def render(self) -> np.ndarray:
-        """Draw the whole world, uint8 (height, width, 3), with what the agent sees highlighted."""
+        """Draw the whole world, uint8 (height, width, 3), with what the agent sees highlighted.
+
+        Raises:
+            gymnasium.error.ResetNeeded: If there was no reset, or the environment was closed since.
+        """
+        self._check_started("render")
         return self._renderer.frame(self._level)
 
     def close(self) -> None:
-        """Release the level."""
+        """Release the level; a reset starts it again."""
         self._level.close()
+        self._started = False
+
+    def _check_started(self, call: str) -> None:
+        if not self._started:
+            raise gym.error.ResetNeeded(
+                f"call reset before {call}: there was none, or the environment was closed since"
+            )
 
     def _observation(self) -> Observation:
         return {

@@ -24,8 +24,8 @@ class Renderer:
     """
 
     def __init__(self, tile_size: int) -> None:
-        if tile_size < 2 or tile_size % 2:
-            raise UserError(f"tile_size is {tile_size}: choose an even number of pixels from 2 up, such as 16")
+        if not isinstance(tile_size, int) or tile_size < 2 or tile_size % 2:
+            raise UserError(f"tile_size is {tile_size!r}: choose an even number of pixels from 2 up, such as 16")
         self.tile_size = tile_size
         self._numbers: dict[_Look, int] = {}
         # Rows of pixels of all tiles, one tile after the other: frames are gathered row by row, in the order of memory.

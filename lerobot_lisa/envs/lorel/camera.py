@@ -9,15 +9,16 @@ The same state gives the same picture whenever it is drawn, so that data can be 
 import atexit
 from dataclasses import dataclass
 from functools import cache
+from threading import get_ident
 from types import MappingProxyType, TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lerobot_lisa.envs.lorel.drawable_mujoco import mujoco
-from lerobot_lisa.envs.lorel.gl import no_gl
+from lerobot_lisa.envs.lorel.gl import mujoco, no_gl
 from lerobot_lisa.envs.lorel.scene import build_model
+from lerobot_lisa.envs.options import one_of, whole_number
 from lerobot_lisa.errors import UserError
 
 
@@ -50,20 +51,22 @@ IMAGE_SIZE = 64
 
 def check_quality(name: str) -> str:
     """Return the name of an image quality, or raise `UserError` if there is none of that name."""
-    if name not in QUALITIES:
-        raise UserError(f"no image quality {name!r}: give one of {', '.join(QUALITIES)}, the one of the training data")
-    return name
+    return one_of(QUALITIES, name, f"no image quality {name!r}", ", the one of the training data")
 
 
 def check_size(size: int) -> int:
     """Return the pixels along each side of an image, or raise `UserError` if there are too few or too many."""
-    if not 16 <= size <= 480:
-        raise UserError(f"an image of {size} x {size} pixels: give 16 to 480")
-    return size
+    return whole_number(size, 16, 480, f"an image of {size} x {size} pixels")
 
 
 class Camera:
-    """The camera `cam0`; the first frame opens an OpenGL context, `close` gives it back."""
+    """The camera `cam0`; the first frame opens an OpenGL context, `close` gives it back.
+
+    A context belongs to the thread that opened it. A process that could not open one opens no other: MuJoCo would end
+    it at the second try.
+    """
+
+    _why_none_opens: ClassVar[str] = ""
 
     def __init__(self, quality: str = "minimal", size: int = IMAGE_SIZE, arm: str = "original") -> None:
         """Prepare to draw.
@@ -80,6 +83,7 @@ class Camera:
         self._model = build_model(arm)
         self._data = mujoco.MjData(self._model)
         self._renderer: Any = None
+        self._thread = 0
 
     def frame(self, state: ArrayLike) -> np.ndarray:
         """Draw a state.
@@ -91,10 +95,12 @@ class Camera:
             uint8 (size, size, 3).
 
         Raises:
-            UserError: If this machine cannot draw.
+            UserError: If this machine cannot draw, or another thread has drawn with this camera.
         """
         if self._renderer is None:
-            self._renderer = self._open()
+            self._renderer, self._thread = self._open(), get_ident()
+        if self._thread != get_ident():
+            raise UserError("a LOReL camera draws in one thread, and another one has used it: use a process for each")
         self._data.qpos[:] = np.asarray(state, np.float32)
         mujoco.mj_forward(self._model, self._data)
         self._renderer.update_scene(self._data, "cam0")
@@ -116,6 +122,8 @@ class Camera:
         self.close()
 
     def _open(self) -> Any:
+        if Camera._why_none_opens:
+            raise UserError(Camera._why_none_opens)
         # Read once, when the context is made, and put back: cameras of other qualities and the simulators share the
         # model, and a collection tells scenes apart by its bytes.
         quality = self._model.vis.quality
@@ -125,7 +133,8 @@ class Camera:
                 raise RuntimeError("MuJoCo cannot load it")
             renderer = mujoco.Renderer(self._model, self._size, self._size)
         except Exception as error:  # whatever OpenGL's bindings throw
-            raise no_gl(error) from error
+            Camera._why_none_opens = no_gl(error)
+            raise UserError(Camera._why_none_opens) from error
         finally:
             quality.offsamples = samples
         atexit.register(renderer.close)  # only now: contexts must go before what MuJoCo registers with the first one

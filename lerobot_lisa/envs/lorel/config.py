@@ -3,13 +3,11 @@
 import logging
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
 import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from lerobot.envs.utils import _LazyAsyncVectorEnv, freeze_after_episode_end
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_STATE
 
@@ -17,11 +15,11 @@ from lerobot_lisa.envs.known_tasks import KnownTask
 from lerobot_lisa.envs.lorel.facts import TellFacts
 from lerobot_lisa.envs.lorel.groups import find_groups
 from lerobot_lisa.envs.lorel.installation import check_installed
-from lerobot_lisa.envs.lorel.observations import check_obs_type, shows_pixels, shows_state
+from lerobot_lisa.envs.lorel.observations import shows_pixels, shows_state
 from lerobot_lisa.envs.lorel.random_floor import known_task
 from lerobot_lisa.envs.lorel.state import ACTION_NAMES, FPS, STATE_NAMES
 from lerobot_lisa.envs.lorel.tasks import Task
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.envs.vector import refuse_parallel_tasks, side_by_side
 
 
 def _features_map() -> dict[str, str]:
@@ -52,8 +50,10 @@ class LorelEnvConfig(EnvConfig):
     features_map: dict[str, str] = field(default_factory=_features_map)
 
     def __post_init__(self) -> None:
-        """Say what there is to see; on every construction, so that a saved configuration reads back the same."""
-        check_obs_type(self.obs_type)
+        """Say what there is to see; on every construction, so that a saved configuration reads back the same.
+
+        Values are checked in `create_envs`: the parser of LeRobot's command lines would wrap an error from here.
+        """
         self.features = {ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(len(ACTION_NAMES),))}
         if shows_state(self.obs_type):
             self.features["agent_pos"] = PolicyFeature(type=FeatureType.STATE, shape=(len(STATE_NAMES),))
@@ -84,18 +84,14 @@ class LorelEnvConfig(EnvConfig):
             UserError: If MuJoCo or metaworld is missing, a task is unknown, an option cannot work, or pictures are
                 asked for where nothing can draw them.
         """
-        if self.max_parallel_tasks > 1:
-            raise UserError(
-                f"env.max_parallel_tasks is {self.max_parallel_tasks}: LeRobot would run the tasks on one policy at "
-                "the same time and mix up their histories; leave it at 1"
-            )
+        refuse_parallel_tasks(self)
         groups = find_groups(self.task, self.arm)
         if self.arm == "free":
             logging.getLogger(__name__).warning("env.arm is free: an easier world, whose numbers compare with nobody's")
         self._try_out(next(iter(groups.values()))[0])
-        vectorise = _in_processes if use_async_envs and n_envs > 1 else _InTurn
+        module = "lerobot_lisa.envs.lorel.env"
         return {
-            group: {i: vectorise([self._factory(task)] * n_envs) for i, task in enumerate(tasks)}
+            group: {i: side_by_side([self._factory(t)] * n_envs, use_async_envs, module) for i, t in enumerate(tasks)}
             for group, tasks in groups.items()
         }
 
@@ -122,26 +118,3 @@ class LorelEnvConfig(EnvConfig):
             env.reset(seed=0)
         finally:
             env.close()
-
-
-class _InTurn(gym.vector.SyncVectorEnv):
-    """Environments in one process, built at their first reset. LeRobot closes them after every evaluation.
-
-    LeRobot counts one step after an episode's end. NEXT_STEP and frozen environments repeat the end there.
-    """
-
-    def __init__(self, factories: list[partial]) -> None:
-        frozen = [freeze_after_episode_end(factory) for factory in factories]
-        super().__init__(frozen, autoreset_mode=gym.vector.AutoresetMode.NEXT_STEP)
-
-    def close(self, **kwargs: Any) -> None:
-        """Release the simulators, and be ready for the next evaluation."""
-        super().close(**kwargs)
-        self.closed = False
-
-
-def _in_processes(factories: list[partial]) -> gym.vector.VectorEnv:
-    """Leave the start of the processes to the first use: LeRobot's wrapper, which also freezes ended episodes."""
-    # Importing LeRobot takes seconds: once in the server that all processes are forked from, not in each of them.
-    get_context("forkserver").set_forkserver_preload(["__main__", "lerobot_lisa.envs.lorel.env"])
-    return _LazyAsyncVectorEnv(factories)

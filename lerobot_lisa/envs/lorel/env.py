@@ -98,11 +98,10 @@ class LorelEnv(gym.Env):
             ValueError: If the action is not five finite numbers.
             gymnasium.error.ResetNeeded: If there was no reset, or the environment was closed since.
         """
-        if self._simulator is None:
-            raise gym.error.ResetNeeded("call reset before step")
-        self._simulator.step(action)
+        simulator = self._started("step")
+        simulator.step(action)
         self._steps += 1
-        self.state = self._simulator.state.astype(np.float32)
+        self.state = simulator.state.astype(np.float32)
         success = self._task.succeeded(self._first_state, self.state)
         return self._observation(), float(success), success, self._steps >= self._task.steps, {"is_success": success}
 
@@ -113,7 +112,9 @@ class LorelEnv(gym.Env):
 
         Raises:
             UserError: If this machine cannot draw and the policy needs pictures.
+            gymnasium.error.ResetNeeded: As in `step`.
         """
+        self._started("render")
         try:
             return shared_camera(_VIDEO_QUALITY, self._render_size, self._arm).frame(self.state)
         except UserError as error:
@@ -125,6 +126,13 @@ class LorelEnv(gym.Env):
     def close(self) -> None:
         """Release the simulator; a reset builds it again."""
         self._simulator = None
+
+    def _started(self, call: str) -> LorelSimulator:
+        if self._simulator is None:
+            raise gym.error.ResetNeeded(
+                f"call reset before {call}: there was none, or the environment was closed since"
+            )
+        return self._simulator
 
     def _observation(self) -> Observation:
         observation = {}

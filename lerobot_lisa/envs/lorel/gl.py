@@ -1,4 +1,9 @@
-"""Choose how MuJoCo draws without a display, before it is asked to."""
+"""MuJoCo, imported in the one place that first chooses how it will draw: afterwards it is too late.
+
+Left alone, MuJoCo draws into a window, which needs a display. Ways of drawing cannot be tried one after another:
+PyOpenGL keeps the first one that a process names, and MuJoCo ends a process at the second context that does not open.
+So the one is taken whose library is there, as dm_control does.
+"""
 
 import ctypes
 import os
@@ -6,16 +11,17 @@ import sys
 
 from lerobot_lisa.errors import UserError
 
+_LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}
 _HELP = (
-    "install EGL (apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6), or use states only "
-    "(--env.obs_type=state)"
+    "install EGL (apt-get install libegl1 libgl1-mesa-dri), or OSMesa (apt-get install libosmesa6) and set "
+    "MUJOCO_GL=osmesa, or use states only (--env.obs_type=state)"
 )
 
 
 def choose_gl() -> str:
-    """Set `MUJOCO_GL`, if it is not set, to what works here: EGL (GPU or software), else OSMesa.
+    """Set `MUJOCO_GL`, if it is not set, to what is installed here: EGL (GPU or software), else OSMesa.
 
-    Must come before the first import of mujoco. Does nothing off Linux, where MuJoCo finds its own way.
+    Does nothing off Linux, where MuJoCo finds its own way, nor after the first import of mujoco.
 
     Returns:
         The setting; empty if it is left to MuJoCo.
@@ -25,50 +31,37 @@ def choose_gl() -> str:
     return os.environ.get("MUJOCO_GL", "")
 
 
-def no_gl(error: BaseException) -> UserError:
+def no_gl(error: BaseException) -> str:
     """What to say when no picture can be drawn."""
     setting = os.environ.get("MUJOCO_GL") or "not set"
     reason = " ".join(str(error).split()) or type(error).__name__
     late = not os.environ.get("MUJOCO_GL") and _find_backend()
     help_ = f"set MUJOCO_GL={late} before mujoco is imported" if late else _HELP
-    return UserError(f"cannot draw the tabletop (MUJOCO_GL is {setting}: {reason}): {help_}")
+    return f"cannot draw the tabletop (MUJOCO_GL is {setting}: {reason}): {help_}"
 
 
 def _find_backend() -> str:
-    """What works here without a display; empty if nothing does, or where MuJoCo finds its own way."""
-    if sys.platform != "linux":
-        return ""
-    return "egl" if _egl_works() else "osmesa" if _loads("libOSMesa.so.8", "libOSMesa.so") else ""
+    """What is installed here that needs no display; empty if nothing is, or where MuJoCo finds its own way."""
+    found = (name for name, library in _LIBRARIES.items() if sys.platform == "linux" and _loads(library))
+    return next(found, "")
 
 
-def _loads(*names: str) -> bool:
-    return any(_library(name) is not None for name in names)
-
-
-def _library(name: str) -> ctypes.CDLL | None:
+def _loads(library: str) -> bool:
     try:
-        return ctypes.CDLL(name)
+        return bool(ctypes.CDLL(library))
     except OSError:
-        return None
-
-
-def _egl_works() -> bool:
-    """Whether some EGL device can be opened, which is what MuJoCo will try."""
-    egl = _library("libEGL.so.1")
-    if egl is None:
         return False
-    egl.eglGetProcAddress.restype = ctypes.c_void_p
-    addresses = [egl.eglGetProcAddress(name) for name in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT")]
-    if not all(addresses):
-        return False
-    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(addresses[0])
-    open_display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(addresses[1])
-    devices, count = (ctypes.c_void_p * 16)(), ctypes.c_int(0)
-    if not query(16, devices, ctypes.byref(count)):
-        return False
-    egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
-    displays = [open_display(_PLATFORM_DEVICE, device, None) for device in devices[: count.value]]
-    return any(display and egl.eglInitialize(display, None, None) for display in displays)
 
 
-_PLATFORM_DEVICE = 0x313F  # EGL_PLATFORM_DEVICE_EXT
+choose_gl()
+
+try:
+    import mujoco
+except (RuntimeError, AttributeError) as error:  # of MuJoCo itself, or of PyOpenGL where its library is missing
+    if not (setting := os.environ.get("MUJOCO_GL")):
+        raise
+    raise UserError(
+        f"MUJOCO_GL is {setting}, which does not work here ({error}): unset it, or set it to egl, osmesa or glfw"
+    ) from error
+
+__all__ = ["choose_gl", "mujoco", "no_gl"]

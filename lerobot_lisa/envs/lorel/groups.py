@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 from lerobot_lisa.envs.lorel.suites import KINDS, SUITES, find_task
 from lerobot_lisa.envs.lorel.tasks import Task
+from lerobot_lisa.envs.options import names_in
 from lerobot_lisa.errors import UserError
 
 FREE_ARM = "_free_arm"
@@ -44,9 +45,7 @@ def find_groups(names: str, arm: str = "original") -> dict[str, tuple[Task, ...]
     Raises:
         UserError: If there is no such suite or instruction, one is named twice, or nothing is.
     """
-    listed = [name.strip() for name in names.split(",") if name.strip()]
-    if not listed:
-        raise UserError(f"env.task is empty: name a suite ({', '.join(SUITES)}) or an instruction")
+    listed = names_in(names, f"a suite ({', '.join(SUITES)}) or an instruction")
     twice = {name for name in listed if listed.count(name) > 1}
     if twice:
         raise UserError(f"env.task names {sorted(twice)[0]!r} twice: name it once")

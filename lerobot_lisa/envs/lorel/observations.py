@@ -1,15 +1,13 @@
 """What a policy is shown of the tabletop."""
 
-from lerobot_lisa.errors import UserError
+from lerobot_lisa.envs.options import one_of
 
 OBS_TYPES = ("state", "pixels", "pixels_state")
 
 
 def check_obs_type(name: str) -> str:
     """Return the name of an observation type, or raise `UserError` if there is none of that name."""
-    if name not in OBS_TYPES:
-        raise UserError(f"env.obs_type is {name!r}: give one of {', '.join(OBS_TYPES)}")
-    return name
+    return one_of(OBS_TYPES, name, f"env.obs_type is {name!r}")
 
 
 def shows_state(obs_type: str) -> bool:

@@ -9,8 +9,9 @@ from string import Template
 from types import MappingProxyType
 from xml.sax.saxutils import escape
 
-from lerobot_lisa.envs.lorel.drawable_mujoco import mujoco
+from lerobot_lisa.envs.lorel.gl import mujoco
 from lerobot_lisa.envs.lorel.installation import INSTALL
+from lerobot_lisa.envs.options import one_of
 from lerobot_lisa.errors import UserError
 
 
@@ -45,9 +46,7 @@ _NEWER_COLLISIONS = sum(int(getattr(mujoco.mjtDisableBit, name, 0)) for name in 
 
 def check_arm(name: str) -> str:
     """Return the name of an arm, or raise `UserError` if there is none of that name."""
-    if name not in ARMS:
-        raise UserError(f"no arm {name!r}: give one of {', '.join(ARMS)} (only 'original' compares with the paper)")
-    return name
+    return one_of(ARMS, name, f"no arm {name!r}", " (only 'original' compares with the paper)")
 
 
 @cache

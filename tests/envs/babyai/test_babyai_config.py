@@ -21,8 +21,9 @@ from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import eval_policy, eval_policy_all, rollout
 from minigrid.utils.baby_ai_bot import BabyAIBot
 
-from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig, _in_turn
+from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.envs.babyai.env import BabyAIEnv
+from lerobot_lisa.envs.vector import InTurn
 from lerobot_lisa.errors import UserError
 
 
@@ -170,7 +171,7 @@ class FailsThenSucceeds(gym.Env):
 
 def test_the_next_episode_never_counts() -> None:
     lengths = iter((1, 4))
-    env = _in_turn(lambda: FailsThenSucceeds(next(lengths)), 2)
+    env = InTurn([lambda: FailsThenSucceeds(next(lengths))] * 2)
     env.reset(seed=[0, 1])  # LeRobot resets before each rollout; the first episode must still be the failing one
     for sub in env.envs:
         sub.unwrapped.episode = 0
@@ -231,7 +232,8 @@ def test_processes_equal_turns(capfd: pytest.CaptureFixture[str]) -> None:
     [
         ({"task": "GoToLocl"}, "did you mean GoToLocal"),
         ({"task": "GoToLocal,Nope"}, "no BabyAI level 'Nope'"),
-        ({"task": " , "}, "env.task is empty"),
+        ({"task": " , "}, "env.task is ' , ': name a BabyAI level"),
+        ({"task": None}, "env.task is None: name a BabyAI level"),
         ({"max_parallel_tasks": 2}, "max_parallel_tasks is 2"),
         ({"tile_size": 7}, "tile_size is 7"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),

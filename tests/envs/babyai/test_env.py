@@ -1,5 +1,6 @@
 """The environment keeps gymnasium's rules on every level and BabyAI's rules of success and time."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -178,12 +179,28 @@ def test_refuses_other_actions(action) -> None:
     assert env._level.step_count == 0
 
 
+def test_step_and_render_before_reset_and_after_close() -> None:
+    env = BabyAIEnv("GoToLocal")
+    for _ in range(2):
+        with pytest.raises(gym.error.ResetNeeded, match="call reset before step"):
+            env.step(2)
+        with pytest.raises(gym.error.ResetNeeded, match="call reset before render"):
+            env.render()
+        env.reset(seed=0)
+        env.step(2)
+        env.close()
+
+
 def test_names_and_refusals() -> None:
     assert BabyAIEnv("BabyAI-GoToLocal-v0").task == "GoToLocal"
     with pytest.raises(UserError, match="did you mean GoToLocal"):
         BabyAIEnv("GoToLocl")
-    with pytest.raises(UserError, match="max_episode_steps is 0"):
-        BabyAIEnv("GoToLocal", max_episode_steps=0)
+    for steps in (0, 2.0, "9"):
+        with pytest.raises(UserError, match=f"max_episode_steps is {steps!r}: give a whole number from 1 up"):
+            BabyAIEnv("GoToLocal", max_episode_steps=steps)
+    for size in (7, "8"):
+        with pytest.raises(UserError, match=f"tile_size is {size!r}: choose an even number"):
+            BabyAIEnv("GoToLocal", tile_size=size)
 
 
 def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """Pictures depend on the state and the quality alone, and equal the original's in full quality."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import drawing
@@ -55,11 +56,21 @@ def test_full_quality_is_the_originals() -> None:
         assert np.abs(camera.frame(state) - original).mean() < 2
 
 
+def test_another_thread_is_told_so() -> None:
+    drawing.needs_gl()
+    with Camera(size=16) as camera, ThreadPoolExecutor(1) as pool:
+        camera.frame(STATES[0])
+        with pytest.raises(UserError, match="a LOReL camera draws in one thread"):
+            pool.submit(camera.frame, STATES[0]).result()
+        assert camera.frame(STATES[0]).max() > 0
+
+
 def test_refusals() -> None:
     with pytest.raises(UserError, match="no image quality 'best'"):
         Camera("best")
-    with pytest.raises(UserError, match="an image of 999 x 999"):
-        Camera(size=999)
+    for size in (999, 64.0, "64", True):
+        with pytest.raises(UserError, match=f"an image of {size} x {size} pixels: give a whole number from 16 to 480"):
+            Camera(size=size)
 
 
 def test_named_qualities() -> None:

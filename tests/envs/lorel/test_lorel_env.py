@@ -104,9 +104,19 @@ def test_the_first_picture_shows_the_first_state() -> None:
     assert one["pixels"].std() > 10
 
 
-def test_step_before_reset_and_refusals() -> None:
-    with pytest.raises(gym.error.ResetNeeded):
-        LorelEnv().step(CLOSING)
+def test_step_and_render_before_reset_and_after_close() -> None:
+    env = LorelEnv()
+    for _ in range(2):
+        with pytest.raises(gym.error.ResetNeeded, match="call reset before step"):
+            env.step(CLOSING)
+        with pytest.raises(gym.error.ResetNeeded, match="call reset before render"):
+            env.render()
+        env.reset(seed=0)
+        env.step(CLOSING)
+        env.close()
+
+
+def test_refusals() -> None:
     for options, message in (
         ({"task": "dance"}, "no LOReL task 'dance'"),
         ({"obs_type": "touch"}, "env.obs_type is 'touch'"),

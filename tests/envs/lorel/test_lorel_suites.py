@@ -145,7 +145,7 @@ def test_a_floor_for_every_task() -> None:
 
 @pytest.mark.parametrize(
     ("names", "message"),
-    [("", "env.task is empty"), ("close draw", "no LOReL task 'close draw'"), ("seen,seen", "'seen' twice")],
+    [("", "env.task is '': name a suite"), ("close draw", "no LOReL task 'close draw'"), ("seen,seen", "'seen' twice")],
 )
 def test_refusals(names: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
