@@ -1,18 +1,23 @@
 """Columns of an episode store as memory-mapped files: shared between processes, and larger than memory if need be."""
 
+import errno
 import hashlib
 import json
+import math
+import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 from filelock import FileLock, Timeout
 from lerobot.utils.constants import HF_LEROBOT_HOME
 from numpy.typing import NDArray
+
+from lerobot_lisa.errors import UserError
 
 Array = NDArray[Any]
 Allocate = Callable[[str, tuple[int, ...], np.dtype[Any]], Array]
@@ -24,67 +29,101 @@ _LOCK = "lock"
 def mapped_columns(root: Path, keys: Sequence[str], read: Callable[[Allocate], object]) -> dict[str, Array]:
     """Columns from memory-mapped files, which are made once for each state of a dataset's files.
 
-    Files of earlier states of any dataset, and what killed processes have left, are removed when new ones are made.
+    Files of earlier states of any dataset are removed when new ones are made.
 
     Args:
         root: Folder of the dataset.
         keys: Features.
         read: Fills arrays that it asks its argument for, one per feature.
+
+    Raises:
+        UserError: The files cannot be written.
     """
-    home = HF_LEROBOT_HOME / "lisa_episode_store"
-    folder = home / _fingerprint(root, keys)
+    folder = store_home() / _fingerprint(root, keys)
     if not folder.exists():
         _make(folder, root, keys, read)
-        _clean(home)
+        _clear_outdated()
     # Copy-on-write: torch wants a writable array, and nothing must ever reach the files.
     return {key: np.load(folder / f"{key}.npy", mmap_mode="c") for key in keys}
+
+
+def store_home() -> Path:
+    """Where episode stores are kept."""
+    return HF_LEROBOT_HOME / "lisa_episode_store"
+
+
+def clear_abandoned() -> None:
+    """Remove what killed processes have left."""
+    for lock in store_home().glob(f"*.partial.{_LOCK}"):
+        with suppress(OSError, Timeout), FileLock(lock, timeout=0):
+            shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+            lock.unlink()
+
+
+@contextmanager
+def told_in_one_line(what: str) -> Iterator[None]:
+    """Turn what a file system says, on a full or write-protected disk, into a `UserError`."""
+    try:
+        yield
+    except OSError as error:
+        home, reason = store_home(), error.strerror or str(error)
+        raise UserError(f"{home}: cannot keep {what} there ({reason}): make room, or set HF_LEROBOT_HOME") from error
 
 
 def _make(folder: Path, root: Path, keys: Sequence[str], read: Callable[[Allocate], object]) -> None:
     """Build aside and rename; processes that train together may do so at the same time, and the first one wins."""
     with _partial(folder) as partial:
-        read(
-            lambda key, shape, dtype: np.lib.format.open_memmap(
-                partial / f"{key}.npy", mode="w+", dtype=dtype, shape=shape
-            )
-        )
-        (partial / _SOURCE).write_text(json.dumps({"root": str(Path(root).absolute()), "keys": sorted(keys)}))
-        try:
-            partial.rename(folder)
-        except OSError:
-            if not folder.exists():
-                raise
+        read(lambda key, shape, dtype: allocate_file(partial / f"{key}.npy", shape, dtype))
+        with told_in_one_line("the episode store"):
+            (partial / _SOURCE).write_text(json.dumps({"root": str(Path(root).absolute()), "keys": sorted(keys)}))
+            try:
+                partial.rename(folder)
+            except OSError:
+                if not folder.exists():
+                    raise
+
+
+def allocate_file(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
+    """A new array in a memory-mapped file whose room on the disk is taken at once.
+
+    Without that, a disk that fills up later ends the process at some write to memory (SIGBUS), without a word.
+
+    Raises:
+        UserError: There is not enough room.
+    """
+    size = math.prod(shape) * dtype.itemsize
+    with told_in_one_line(f"{size / 1e9:.1f} GB of the episode store"):
+        if size > shutil.disk_usage(path.parent).free:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        array = np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape)
+        if hasattr(os, "posix_fallocate"):  # not on macOS
+            with path.open("r+b") as file:
+                os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+    return array
 
 
 @contextmanager
 def _partial(folder: Path) -> Iterator[Path]:
     """A folder to build in, locked for as long as this process lives, and removed if it is still there at the end."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent))
+    partial = folder.with_name(f"{folder.name}.{uuid4().hex[:8]}.partial")
+    lock = FileLock(f"{partial}.{_LOCK}")
+    with told_in_one_line("the episode store"):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+        partial.mkdir()
     try:
-        with FileLock(f"{partial}.{_LOCK}"):
-            yield partial
+        yield partial
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-        Path(f"{partial}.{_LOCK}").unlink(missing_ok=True)
+        Path(lock.lock_file).unlink(missing_ok=True)
+        lock.release()
 
 
-def _clean(home: Path) -> None:
+def _clear_outdated() -> None:
     """Remove what no dataset on this machine can use any more; whoever has it mapped keeps it until they end."""
-    for folder in home.iterdir():
-        if folder.is_dir() and (_abandoned(folder) if folder.suffix == ".partial" else _outdated(folder)):
+    for folder in store_home().iterdir():
+        if folder.is_dir() and _outdated(folder):
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _abandoned(partial: Path) -> bool:
-    """Whether nobody builds here any more."""
-    lock = Path(f"{partial}.{_LOCK}")
-    try:
-        with FileLock(lock, timeout=0):
-            lock.unlink(missing_ok=True)
-            return True
-    except Timeout:
-        return False
 
 
 def _outdated(folder: Path) -> bool:

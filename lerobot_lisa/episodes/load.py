@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import torch
 from tqdm import tqdm
 
-from lerobot_lisa.episodes.disk import Allocate, Array, mapped_columns
+from lerobot_lisa.episodes.check import FrameLedger, bounds, check_metadata
+from lerobot_lisa.episodes.disk import Allocate, Array, clear_abandoned, mapped_columns
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
 
@@ -38,14 +39,13 @@ def load_episodes(meta: "LeRobotDatasetMetadata", keys: Sequence[str], location:
     Raises:
         UserError: The dataset lacks a feature, or the files do not hold the frames that the metadata promises.
     """
-    _check_keys(meta, keys)
-    starts, stops = (_of_episodes(meta, f"dataset_{end}_index") for end in ("from", "to"))
-    present = _present_episodes(meta)
-    missing = int((stops - starts)[~present].sum())
+    clear_abandoned()
+    starts, stops = check_metadata(meta, keys)
+    ledger = FrameLedger(meta.root, starts, stops, present := _present_episodes(meta))
     if location == "disk" or not _fits_memory(meta, keys):
-        columns = mapped_columns(Path(meta.root), keys, lambda allocate: _read(meta, keys, allocate, present, missing))
+        columns = mapped_columns(Path(meta.root), keys, lambda allocate: _read(meta, keys, allocate, ledger))
     else:
-        columns = _read(meta, keys, lambda _, shape, dtype: np.empty(shape, dtype), present, missing)
+        columns = _read(meta, keys, lambda _, shape, dtype: np.empty(shape, dtype), ledger)
     tensors = {key: torch.from_numpy(column) for key, column in columns.items()}
     return EpisodeStore(tensors, starts, stops - starts, present)
 
@@ -55,22 +55,24 @@ def _of_episodes(meta: "LeRobotDatasetMetadata", column: str) -> Array:
     return np.asarray(meta.episodes[column][:])
 
 
-def _check_keys(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> None:
-    for key in keys:
-        if key not in meta.features:
-            raise UserError(f"{meta.root}: the dataset has no feature `{key}`; it has {', '.join(meta.features)}")
-
-
 def _present_episodes(meta: "LeRobotDatasetMetadata") -> Array:
     """(episodes,) whether the file that holds an episode's numbers is there."""
     places = np.stack([_of_episodes(meta, f"data/{part}_index") for part in ("chunk", "file")], axis=1)
     files, which = np.unique(places, axis=0, return_inverse=True)
-    there = [
-        (Path(meta.root) / meta.data_path.format(chunk_index=c, file_index=f)).is_file() for c, f in files.tolist()
-    ]
+    there = [_data_file(meta, *place).is_file() for place in files.tolist()]
     if not any(there):
         raise UserError(f"{meta.root}: none of the dataset's {len(there)} data files is there: fetch it again")
     return np.array(there)[which.reshape(-1)]
+
+
+def _data_file(meta: "LeRobotDatasetMetadata", chunk: int, file: int) -> Path:
+    """Where LeRobot keeps some episodes."""
+    try:
+        path = Path(meta.root) / meta.data_path.format(chunk_index=chunk, file_index=file)
+        path.resolve().relative_to(Path(meta.root).resolve())
+    except (LookupError, ValueError, AttributeError, TypeError, MemoryError):
+        raise UserError(f"{meta.root}: meta/info.json: data_path is no place in the dataset: fetch it again") from None
+    return path
 
 
 def _fits_memory(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> bool:
@@ -88,53 +90,57 @@ def _dtype(meta: "LeRobotDatasetMetadata", key: str) -> np.dtype:
 
 
 def _read(
-    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, present: Array, missing: int
+    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, ledger: FrameLedger
 ) -> dict[str, Array]:
     pictures = [key for key in keys if meta.features[key]["dtype"] in ("image", "video")]
     numbers = [key for key in keys if key not in pictures]
-    columns = _read_numbers(meta, numbers, allocate, missing)
-    return {**columns, **_read_pictures(meta, pictures, allocate, present)}
+    columns = _read_numbers(meta, numbers, allocate, ledger)
+    return {**columns, **_read_pictures(meta, pictures, allocate, ledger.present)}
 
 
 def _read_numbers(
-    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, missing: int
+    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, ledger: FrameLedger
 ) -> dict[str, Array]:
-    """Columns of all frames; those of `missing` ones, whose files are not there, stay as they were allocated."""
-    frames = meta.total_frames
-    columns = {key: allocate(key, (frames, *meta.features[key]["shape"]), _dtype(meta, key)) for key in keys}
-    seen = 0
-    for table in _tables(Path(meta.root), [*keys, "index"]):
-        index = table.column("index").to_numpy()
-        if len(index) and (index.min() < 0 or index.max() >= frames):
-            raise UserError(
-                f"{meta.root}: data files hold frame {index.max()}, but meta/info.json counts {frames} frames"
-            )
+    """Columns of all frames; those of episodes that are not present stay as they were allocated."""
+    shapes = {key: (meta.total_frames, *meta.features[key]["shape"]) for key in keys}
+    columns = {key: allocate(key, shape, _dtype(meta, key)) for key, shape in shapes.items()}
+    allowed = {key: bounds(meta, key) for key in keys}
+    for path, table in _tables(Path(meta.root), [*keys, "index", "episode_index"]):
+        frames = _values(path, table, "index")
+        rows = ledger.note(frames, _values(path, table, "episode_index"))
         for key, column in columns.items():
-            column[index] = _values(table.column(key)).reshape(len(index), *column.shape[1:])
-        seen += len(index)
-    if seen + missing != frames:
-        raise UserError(
-            f"{meta.root}: data files hold {seen} frames, but {frames - missing} belong there: fetch it again"
-        )
+            values = _values(path, table, key, column.shape[1:])
+            ledger.check_values(key, values, frames, allowed[key])
+            column[rows] = values
+    ledger.check_complete()
     return columns
 
 
-def _tables(root: Path, names: Sequence[str]) -> Iterator[pa.Table]:
-    """Row groups, so that memory stays at one of them."""
+def _tables(root: Path, names: Sequence[str]) -> Iterator[tuple[Path, pa.Table]]:
+    """Row groups and the files they are from, so that memory stays at one of them."""
     for path in sorted((root / "data").rglob("*.parquet")):
-        with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(batch_size=65_536, columns=list(names)):
-                yield pa.Table.from_batches([batch])
+        try:
+            with pq.ParquetFile(path) as file:
+                if absent := set(names) - set(file.schema_arrow.names):
+                    raise UserError(f"{path}: the file has no column `{min(absent)}`: fetch the dataset again")
+                for batch in file.iter_batches(batch_size=65_536, columns=list(names)):
+                    yield path, pa.Table.from_batches([batch])
+        except (pa.ArrowException, OSError) as error:
+            raise UserError(f"{path}: this is no readable parquet file ({error}): fetch the dataset again") from error
 
 
-def _values(column: pa.ChunkedArray) -> Array:
-    """Numbers of a column of scalars or (nested) lists, flat."""
-    array = column.combine_chunks()
+def _values(path: Path, table: pa.Table, key: str, shape: tuple[int, ...] = ()) -> Array:
+    """Numbers of a column of scalars or (nested) lists, (rows, *shape)."""
+    array = table.column(key).combine_chunks()
     if isinstance(array, pa.ExtensionArray):
         array = array.storage
     while pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type) or pa.types.is_large_list(array.type):
         array = array.flatten()
-    return array.to_numpy(zero_copy_only=False)
+    if array.null_count or len(array) != table.num_rows * math.prod(shape):
+        raise UserError(
+            f"{path}: `{key}` does not hold {math.prod(shape)} numbers in each row: fetch the dataset again"
+        )
+    return array.to_numpy(zero_copy_only=False).reshape(table.num_rows, *shape)
 
 
 def _read_pictures(

@@ -1,10 +1,12 @@
 """The episode store holds what LeRobot's own loader gives, value for value, whatever the files look like."""
 
+import errno
 import json
 import shutil
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,14 +164,17 @@ def test_new_disk_stores_clear_away_what_is_of_no_use(symbolic: Path, tmp_path: 
     for folder in (foreign, killed, building):
         folder.mkdir()
     (killed / "action.npy").touch()
+    Path(f"{killed}.lock").touch()
     before = folders(lerobot_home)
     shutil.rmtree(gone)
 
     with FileLock(f"{building}.lock"):
+        load_episodes(open_meta(root), ["action"])
+        assert not killed.exists()
         load_episodes(open_meta(root), ["action"], "disk")
 
     assert {path.name for path in (foreign, building)} <= {path.name for path in folders(lerobot_home)}
-    assert not killed.exists()
+    assert not Path(f"{killed}.lock").exists()
     assert len(folders(lerobot_home) - before) == 1
     assert len(before - folders(lerobot_home)) >= 2  # `killed`, and what was made of `gone`
     shutil.rmtree(building)
@@ -260,10 +265,10 @@ def test_processes_that_make_the_same_disk_store_do_not_meet(
     root, before = copied(symbolic, tmp_path / "data"), folders(lerobot_home)
     values = load._values
 
-    def in_between(column: object) -> object:
+    def in_between(*arguments: Any) -> object:
         monkeypatch.setattr(load, "_values", values)
         load_episodes(open_meta(root), ["action"], "disk")
-        return values(column)
+        return values(*arguments)
 
     monkeypatch.setattr(load, "_values", in_between)
     store = load_episodes(open_meta(root), ["action"], "disk")
@@ -275,7 +280,7 @@ def test_processes_that_make_the_same_disk_store_do_not_meet(
 def test_missing_frames_are_a_user_error(symbolic: Path, tmp_path: Path) -> None:
     root = copied(symbolic, tmp_path / "data")
     info = json.loads((root / "meta/info.json").read_text())
-    for frames, message in [(57, "hold 56 frames"), (55, "hold frame 55")]:
+    for frames, message in [(57, "have 56 frames, but meta/info.json counts 57"), (55, "56 frames.* counts 55")]:
         (root / "meta/info.json").write_text(json.dumps({**info, "total_frames": frames}))
         with pytest.raises(UserError, match=message):
             load_episodes(open_meta(root), ["action"])
@@ -306,3 +311,30 @@ def test_every_frame_weighs_the_same_over_an_epoch(symbolic: Path) -> None:
             weight[row] += Fraction(share).limit_denominator(1000)
 
     assert weight == [1] * meta.total_frames
+
+
+def test_a_disk_that_is_full_is_told_before_anything_is_read(
+    symbolic: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what the disk says is free, and by what it says when the room is taken."""
+    before = folders(lerobot_home)
+    for patched in ("shutil.disk_usage", "os.posix_fallocate"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"lerobot_lisa.episodes.disk.{patched}", full_disk)
+            with pytest.raises(UserError, match=r"cannot keep 0.0 GB .*\(No space left on device\): make room"):
+                load_episodes(open_meta(symbolic), ["observation.direction"], "disk")
+    assert folders(lerobot_home) == before
+
+
+def full_disk(*arguments: Any) -> SimpleNamespace:
+    if len(arguments) == 1:
+        return SimpleNamespace(free=1)
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_home_that_is_no_folder(symbolic: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "home").write_text("")
+    monkeypatch.setattr("lerobot_lisa.episodes.disk.HF_LEROBOT_HOME", tmp_path / "home")
+    with pytest.raises(UserError, match=r"cannot keep the episode store there \(Not a directory\).*HF_LEROBOT_HOME"):
+        load_episodes(open_meta(symbolic), ["action"], "disk")
+    assert load_episodes(open_meta(symbolic), ["action"]).columns["action"].shape == (56, 1)
