@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -60,13 +61,13 @@ def check_metadata(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> tuple
         `episode_spans`.
 
     Raises:
-        UserError: A feature is not there, its statistics are not finite, or episodes do not share out the frames.
+        UserError: A feature is not there, its statistics are not finite, instructions are missing, or episodes do not
+            share out the frames.
     """
+    _check_tasks(meta)
     for key in keys:
         if key not in meta.features:
             raise UserError(f"{meta.root}: the dataset has no feature `{key}`; it has {', '.join(meta.features)}")
-        if not isinstance(meta.features[key].get("info") or {}, dict):
-            raise UserError(f"{meta.root}: meta/info.json: `info` of `{key}` must be an object: remove it")
         for name, numbers in ((meta.stats or {}).get(key) or {}).items():
             if not np.isfinite(np.asarray(numbers, np.float64)).all():
                 where = _worst_episode(Path(meta.root), key, name)
@@ -74,7 +75,28 @@ def check_metadata(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> tuple
                     f"{meta.root}: `{key}` is not finite{where} (meta/stats.json, {name}): mend or delete what is not, "
                     f"then run {_RECOMPUTE}"
                 )
+    for path in sorted((Path(meta.root) / "data").rglob("*.parquet"))[:1]:
+        check_columns(path, [key for key in keys if meta.features[key]["dtype"] != "video"])
     return episode_spans(meta)
+
+
+def _check_tasks(meta: "LeRobotDatasetMetadata") -> None:
+    tasks = [task for task in meta.tasks.index if isinstance(task, str)]
+    if len(tasks) < max(meta.total_tasks, 1):
+        raise UserError(
+            f"{meta.root}: meta/tasks.parquet holds {len(tasks)} instructions, but meta/info.json counts "
+            f"{meta.total_tasks}: fetch the dataset again"
+        )
+
+
+def check_columns(path: Path, names: Sequence[str]) -> None:
+    """Raise `UserError` unless a data file can be read and has these columns."""
+    try:
+        absent = set(names) - set(pq.read_schema(path).names)
+    except (pa.ArrowException, OSError) as error:
+        raise UserError(f"{path}: this is no readable parquet file ({error}): fetch the dataset again") from error
+    if absent:
+        raise UserError(f"{path}: the file has no column `{min(absent)}`: fetch the dataset again")
 
 
 def _worst_episode(root: Path, key: str, name: str) -> str:

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import torch
 from tqdm import tqdm
 
-from lerobot_lisa.episodes.check import FrameLedger, bounds, check_metadata
+from lerobot_lisa.episodes.check import FrameLedger, bounds, check_columns, check_metadata
 from lerobot_lisa.episodes.disk import Allocate, Array, clear_abandoned, mapped_columns
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
@@ -119,14 +119,10 @@ def _read_numbers(
 def _tables(root: Path, names: Sequence[str]) -> Iterator[tuple[Path, pa.Table]]:
     """Row groups and the files they are from, so that memory stays at one of them."""
     for path in sorted((root / "data").rglob("*.parquet")):
-        try:
-            with pq.ParquetFile(path) as file:
-                if absent := set(names) - set(file.schema_arrow.names):
-                    raise UserError(f"{path}: the file has no column `{min(absent)}`: fetch the dataset again")
-                for batch in file.iter_batches(batch_size=65_536, columns=list(names)):
-                    yield path, pa.Table.from_batches([batch])
-        except (pa.ArrowException, OSError) as error:
-            raise UserError(f"{path}: this is no readable parquet file ({error}): fetch the dataset again") from error
+        check_columns(path, names)
+        with pq.ParquetFile(path) as file:
+            for batch in file.iter_batches(batch_size=65_536, columns=list(names)):
+                yield path, pa.Table.from_batches([batch])
 
 
 def _values(path: Path, table: pa.Table, key: str, shape: tuple[int, ...] = ()) -> Array:

@@ -18,6 +18,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_model
 from torch import Tensor
 
+from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
@@ -307,8 +308,9 @@ class EpisodePolicy(PreTrainedPolicy):
 
 def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
     """What LeRobot's hook for features has not been told."""
-    starts, stops = (meta.episodes[f"dataset_{end}_index"][:] for end in ("from", "to"))
-    config.set_dataset_statistics(meta.stats, max(b - a for a, b in zip(starts, stops, strict=True)))
+    named = (*(config.input_features or {}), ACTION)  # `--rename_map` gives some other names than the dataset's
+    starts, stops = check_metadata(meta, [key for key in named if key in meta.features])
+    config.set_dataset_statistics(meta.stats, int((stops - starts).max()))
     if config.language_encoder == WORDS and not config.vocabulary:
         config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
         logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))

@@ -47,6 +47,16 @@ def episodes(change: Callable[[pd.DataFrame], object]) -> Change:
     return write
 
 
+def tasks(change: Callable[[pd.DataFrame], pd.DataFrame]) -> Change:
+    """Change the instructions."""
+
+    def write(root: Path) -> None:
+        path = root / "meta/tasks.parquet"
+        change(pd.read_parquet(path)).to_parquet(path)
+
+    return write
+
+
 def edited(name: str, change: Callable[[Any], object]) -> Change:
     """Change a JSON file of meta."""
 
@@ -140,9 +150,13 @@ LIES: dict[str, tuple[Change, str]] = {
         edited("info.json", set_item("data_path", "data/{chunk_index.__class__.__mro__}/{file}")),
         "data_path is no place in the dataset",
     ),
-    "facts that are none": (
-        edited("info.json", lambda info: info["features"]["observation.grid"].update(info=[1, 2])),
-        "`info` of `observation.grid` must be an object",
+    "fewer instructions": (
+        tasks(lambda d: d.iloc[:2]),
+        "meta/tasks.parquet holds 2 instructions, but meta/info.json counts 5",
+    ),
+    "instructions that are no text": (
+        tasks(lambda d: d.set_axis(range(len(d)))),
+        "meta/tasks.parquet holds 0 instructions, but meta/info.json counts 5",
     ),
 }
 
