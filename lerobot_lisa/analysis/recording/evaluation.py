@@ -14,9 +14,9 @@ from lerobot.envs.configs import EnvConfig
 from lerobot_lisa.analysis.commands import check_number
 from lerobot_lisa.analysis.recording.environment import Batch, RecordingEnv, Watcher
 from lerobot_lisa.analysis.recording.traces import EPISODES, KEY
+from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.skill_plan import read_plan
-from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 if TYPE_CHECKING:
@@ -117,24 +117,6 @@ def code_labels(policy: Any) -> list[str]:
     return getattr(policy, "code_labels", None) or [str(code) for code in range(size)]
 
 
-def load_config(path: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig:
-    """The configuration of a LISA or Lang-DT checkpoint, from a folder or the Hub.
-
-    Raises:
-        UserError: There is no checkpoint, or it is another policy's.
-    """
-    try:
-        config = PreTrainedConfig.from_pretrained(path, cli_overrides=list(overrides))
-    except UserError:
-        raise
-    except (OSError, ValueError) as error:
-        raise UserError(f"--policy.path={path}: no checkpoint (a folder with config.json) there") from error
-    if not isinstance(config, EpisodePolicyConfig):
-        raise UserError(f"--policy.path={path} is a {config.type} policy: this reads lisa and lang_dt checkpoints")
-    config.pretrained_path = Path(path)
-    return config
-
-
 class Evaluation(NamedTuple):
     """Everything that LeRobot's evaluation takes, loaded.
 
@@ -150,21 +132,16 @@ class Evaluation(NamedTuple):
 
 
 def load(config: EvaluationConfig) -> Evaluation:
-    """Load a policy with its pipelines and make its environments, as `lerobot-eval` does.
+    """Load a policy with its pipelines and make its environments, as `lerobot-eval` does but for checking more.
 
     Raises:
         UserError: The checkpoint or the environment cannot be used.
     """
     from lerobot.envs import make_env, make_env_pre_post_processors
-    from lerobot.policies import make_policy, make_pre_post_processors
 
     envs = make_env(config.env, n_envs=config.batch_size, use_async_envs=config.use_async_envs)
-    policy = make_policy(deepcopy(config.policy), env_cfg=config.env)  # which fills in what the environment says
-    preprocess, postprocess = make_pre_post_processors(
-        config.policy,
-        pretrained_path=config.checkpoint,
-        preprocessor_overrides={"device_processor": {"device": str(policy.config.device)}},
-    )
+    assert config.policy is not None  # refused by EvaluationConfig
+    policy, preprocess, postprocess, _ = load_checkpoint(config.policy, config.env)
     before, after = make_env_pre_post_processors(env_cfg=config.env, policy_cfg=config.policy)
     pipelines = {
         "env_preprocessor": before,
@@ -172,7 +149,7 @@ def load(config: EvaluationConfig) -> Evaluation:
         "preprocessor": preprocess,
         "postprocessor": postprocess,
     }
-    return Evaluation(policy.eval(), envs, pipelines)
+    return Evaluation(policy, envs, pipelines)
 
 
 def run_batch(

@@ -105,10 +105,7 @@ def load(config: CheckpointConfig, dataset: "LeRobotDataset") -> tuple["LisaPoli
     Raises:
         UserError: It is none of LISA, has no codes, or the dataset lacks a feature that it reads.
     """
-    from lerobot.policies.factory import make_pre_post_processors
-    from lerobot.processor import NormalizerProcessorStep
-
-    from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy
+    from lerobot_lisa.checkpoints.load import load_checkpoint
 
     settings = lisa_config(config)
     for key, feature in {**settings.input_features, **settings.output_features}.items():
@@ -117,11 +114,7 @@ def load(config: CheckpointConfig, dataset: "LeRobotDataset") -> tuple["LisaPoli
             had = f"has it with shape {found}" if found else "lacks it"
             reads = f"--policy.path={config.checkpoint} reads `{key}` {tuple(feature.shape)}"
             raise UserError(f"{reads}: {dataset.root} {had}")
-    preprocess, _ = make_pre_post_processors(settings, pretrained_path=config.checkpoint)
-    stats = next((step.stats for step in preprocess.steps if isinstance(step, NormalizerProcessorStep)), None)
-    policy = LisaPolicy.from_pretrained(
-        config.checkpoint, config=settings, dataset_stats=stats, dataset_meta=dataset.meta
-    )
+    policy, preprocess, _, _ = load_checkpoint(settings, dataset=dataset.meta)
     return policy, preprocess
 
 

@@ -1,0 +1,101 @@
+"""Sound checkpoints are loaded as LeRobot loads them, and old ones still are."""
+
+from pathlib import Path
+
+import pytest
+import tiny_checkpoints
+import torch
+from checkpoint_copy import Copy
+from lerobot.policies.factory import get_policy_class, make_policy, make_pre_post_processors
+
+from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
+from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
+from lerobot_lisa.envs.lorel.config import LorelEnvConfig
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+
+
+def frame() -> dict[str, object]:
+    return {
+        "observation.grid": torch.randint(0, 11, (2, 147)).float(),
+        "observation.direction": torch.randint(0, 4, (2, 1)).float(),
+        "task": ["go to the red ball", "open a door"],
+    }
+
+
+@pytest.mark.parametrize("settings", [{}, {"shared_observation_encoder": True}, {"continuous_skills": True}])
+def test_the_policy_acts_as_lerobots(settings: dict[str, bool], symbolic: Path, tmp_path: Path) -> None:
+    folder = tiny_checkpoints.lisa(symbolic, tmp_path / "lisa", **settings)
+    theirs = get_policy_class("lisa").from_pretrained(folder)
+    before, after = make_pre_post_processors(theirs.config, pretrained_path=str(folder))
+
+    policy, preprocess, postprocess, _ = load_checkpoint(load_config(str(folder)), BabyAIEnvConfig())
+
+    assert not policy.training
+    for _ in range(5):
+        seen = frame()
+        assert torch.equal(
+            postprocess(policy.select_action(preprocess(seen))), after(theirs.select_action(before(seen)))
+        )
+
+
+def test_lang_dt(symbolic: Path, tmp_path: Path) -> None:
+    folder = tiny_checkpoints.lang_dt(symbolic, tmp_path / "lang_dt")
+    policy, preprocess, postprocess, _ = load_checkpoint(load_config(str(folder), ["--action_temperature=0"]))
+    assert policy.config.action_temperature == 0
+    assert postprocess(policy.select_action(preprocess(frame()))).shape == (2, 1)
+
+
+def test_scaling_is_the_checkpoints(continuous: Path, tmp_path: Path) -> None:
+    mapping = {"STATE": "MEAN_STD", "ACTION": "MIN_MAX"}
+    folder = tiny_checkpoints.lisa(continuous, tmp_path / "lisa", normalization_mapping=mapping)
+    theirs = make_pre_post_processors(load_config(str(folder)), pretrained_path=str(folder))
+    _, *ours, _ = load_checkpoint(load_config(str(folder)))
+    action = torch.rand(3, *load_config(str(folder)).action_feature.shape)
+    assert torch.equal(ours[1](action), theirs[1](action))
+    assert not torch.equal(ours[1](action), action)
+
+
+def test_a_pretrained_language_encoder_is_built_from_its_note(copy: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What would choose code, such as another attention, is left out of the note."""
+    small = {"model_type": "distilbert", "vocab_size": 30, "dim": 16, "n_layers": 1, "n_heads": 2, "hidden_dim": 16}
+    config = load_config(str(copy.folder))
+    config.language_encoder, config.language_model, config.pretrained_path = "me/encoder", small, None
+    make_policy(config, env_cfg=BabyAIEnvConfig()).save_pretrained(copy.folder)
+    copy.edit_tensors("model.safetensors", lambda tensors: [v.fill_(1) for k, v in tensors.items() if "initted" in k])
+    copy.edit("config.json", lambda content: content["language_model"].update(attn_implementation="evil/kernels"))
+
+    policy = load_checkpoint(load_config(str(copy.folder))).policy
+
+    assert policy.config.language_model == small
+
+
+def test_numbers_of_the_training_steps_may_come_and_go(copy: Copy) -> None:
+    copy.edit_tensors(
+        "model.safetensors",
+        lambda tensors: [tensors.pop(f"randomness.{name}", None) for name in ("seed", "steps")],
+    )
+    load_checkpoint(load_config(str(copy.folder)))
+    copy.edit_tensors(
+        "model.safetensors",
+        lambda tensors: tensors.update({f"randomness.{name}": torch.tensor(3) for name in ("seed", "steps")}),
+    )
+    load_checkpoint(load_config(str(copy.folder)))
+
+
+def test_weights_that_do_not_fit_an_override(lisa: Path) -> None:
+    with pytest.raises(UserError, match=r"model\.safetensors: .* leave out --policy options that change the network"):
+        load_checkpoint(load_config(str(lisa), ["--code_width=8"]))
+
+
+def test_a_policy_of_another_world(lisa: Path) -> None:
+    with pytest.raises(UserError, match=r"acts with 1 numbers, --env\.type=lorel takes 5: .* another world"):
+        load_checkpoint(load_config(str(lisa)), LorelEnvConfig())
+
+
+def test_the_configuration_given_stays_as_it_is(lisa: Path) -> None:
+    config = load_config(str(lisa))
+    again = load_config(str(lisa))
+    load_checkpoint(config, BabyAIEnvConfig())
+    assert config == again
+    assert isinstance(config, LisaConfig)
