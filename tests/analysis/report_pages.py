@@ -55,7 +55,7 @@ def origin(codes: int, horizon: int) -> dict[str, Any]:
     """What `record` would have noted."""
     policy = {"type": "lisa", "codebook_size": codes, "horizon": horizon, "action_classes": 7, "action_temperature": 1}
     return {
-        "policy_path": "outputs/pretrained_model", "weights_sha256": None, "policy": policy,
+        "policy_path": "outputs/pretrained_model", "checkpoint": {"revision": None, "sha256": "0"}, "policy": policy,
         "env": {"type": "babyai", "task": "GoToSeq"}, "n_episodes": 60, "batch_size": 50, "seed": 1000,
         "versions": {"lerobot": "0.6.1"},
     }  # fmt: skip

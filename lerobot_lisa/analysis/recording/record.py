@@ -4,7 +4,6 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from lerobot_lisa.analysis.recording import traces
 from lerobot_lisa.analysis.recording.environment import Batch, Watcher
 from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, code_labels, load, run_batch
 from lerobot_lisa.analysis.recording.traces import EPISODES, EPISODES_FILE, STEPS, STEPS_FILE, Trace
+from lerobot_lisa.checkpoints.identity import identify
 from lerobot_lisa.errors import UserError
 
 NOTE, _LOCK = "evaluation.json", "lock"
@@ -47,7 +47,10 @@ def record(
         UserError: The folder belongs to another evaluation or is in use, or the evaluation cannot work.
     """
     facts = describe(config, **more)
-    with _claimed(folder, facts):
+    _check(folder, _text(facts))
+    if evaluation is None and not (folder / STEPS_FILE).is_file():
+        evaluation = load(config)  # before the folder is claimed: a mistake leaves nothing in it
+    with _claimed(folder, _text(facts)):
         if not (folder / STEPS_FILE).is_file():
             _record_batches(config, folder, watchers, evaluation or load(config), facts)
         return traces.read(folder)
@@ -57,10 +60,10 @@ def describe(config: EvaluationConfig, **more: Any) -> dict[str, Any]:
     """The facts of an evaluation, JSON values: the same facts give the same trace."""
     from importlib.metadata import version
 
-    weights = Path(config.checkpoint) / "model.safetensors"
+    assert config.policy is not None  # refused by EvaluationConfig
     return {
         "policy_path": config.checkpoint,
-        "weights_sha256": sha256(weights.read_bytes()).hexdigest() if weights.is_file() else None,
+        "checkpoint": identify(config.policy)._asdict(),
         "policy": draccus.encode(config.policy, PreTrainedConfig),
         "env": draccus.encode(config.env, EnvConfig),
         "n_episodes": config.n_episodes,
@@ -100,20 +103,37 @@ def _batches(config: EvaluationConfig, evaluation: Evaluation) -> list[Batch]:
     return [Batch(*task, first) for task in tasks for first in range(0, config.n_episodes, config.batch_size)]
 
 
-@contextmanager
-def _claimed(folder: Path, facts: Mapping[str, Any]) -> Iterator[None]:
-    """Keep a folder for one evaluation, and for one process at a time."""
-    note, described = folder / NOTE, json.dumps(facts, indent=2, sort_keys=True) + "\n"
+def _text(facts: Mapping[str, Any]) -> str:
+    return json.dumps(facts, indent=2, sort_keys=True) + "\n"
+
+
+def _check(folder: Path, facts: str) -> None:
+    """Refuse a folder that belongs to something else."""
+    note = folder / NOTE
     if folder.exists() and not note.is_file() and any(path.name != _LOCK for path in folder.iterdir()):
         raise UserError(f"{folder} is in the way and was not made by this program: choose another --output_dir")
+    if note.is_file() and note.read_text(encoding="utf-8") != facts:
+        differing = _differences(json.loads(note.read_text(encoding="utf-8")), json.loads(facts))
+        raise UserError(f"{folder} holds another evaluation ({differing}): choose another --output_dir")
+
+
+@contextmanager
+def _claimed(folder: Path, facts: str) -> Iterator[None]:
+    """Keep a folder for one evaluation, and for one process at a time."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / _LOCK, timeout=0):
-            if note.is_file() and note.read_text(encoding="utf-8") != described:
-                differing = _differences(json.loads(note.read_text(encoding="utf-8")), json.loads(described))
-                raise UserError(f"{folder} holds another evaluation ({differing}): choose another --output_dir")
-            _write(note, described)
-            yield
+            _check(folder, facts)
+            _write(folder / NOTE, facts)
+            try:
+                yield
+            except UserError:
+                if {path.name for path in folder.iterdir()} <= {
+                    NOTE,
+                    _LOCK,
+                }:  # it cannot be done: leave the folder free
+                    (folder / NOTE).unlink()
+                raise
     except Timeout:
         raise UserError(f"{folder}: another process is recording there; wait or choose another --output_dir") from None
 

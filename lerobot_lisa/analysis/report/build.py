@@ -54,7 +54,7 @@ def _origin(material: Material) -> list[tuple[str, str]]:
     options = {name: origin[name] for name in ("n_episodes", "batch_size", "seed")}
     return [
         ("Checkpoint", origin["policy_path"]),
-        ("Weights, SHA-256", str(origin["weights_sha256"])),
+        ("Checkpoint, SHA-256", origin["checkpoint"]["sha256"]),
         ("Environment", _listed(environment, "=")),
         ("Evaluation", _listed(options, "=")),
         ("Action temperature", str(origin["policy"]["action_temperature"])),
