@@ -39,7 +39,7 @@ def load_config(name: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig
         config = PreTrainedConfig.from_pretrained(path.parent, cli_overrides=list(overrides))
         config.validate_features()
     config.language_model = _language_model(files, config)
-    config.image_backbone_weights = None  # would be fetched; the checkpoint has them
+    config.pretrained_backbone_weights = None  # would be fetched; the checkpoint has them
     config.pretrained_path, config.pretrained_revision = Path(name), files.revision
     return config
 
