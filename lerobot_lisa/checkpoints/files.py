@@ -1,6 +1,7 @@
 """A checkpoint's files, from a folder or the Hub: only those that lie in it, of bounded size."""
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -82,8 +83,9 @@ class Files:
             places.append(places[0].parents[1] / "blobs")
         if not any(path.resolve().is_relative_to(place) for place in places):
             raise UserError(f"{path} is a link that leaves the checkpoint: put the file itself there")
-        if path.stat().st_size > limit:
-            raise UserError(f"{path} has {path.stat().st_size:,} bytes, more than {limit:,}: {RETAKE}")
+        with path.open("rb") as file:
+            if (size := os.fstat(file.fileno()).st_size) > limit:
+                raise UserError(f"{path} has {size:,} bytes, more than {limit:,}: {RETAKE}")
 
     def json(self, name: str) -> dict[str, Any]:
         """An object from a JSON file.

@@ -1,6 +1,7 @@
 """Recording: the trace is what LeRobot's evaluation did, whatever interrupted it; other folders are left alone."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pyarrow as pa
 import pytest
 from filelock import FileLock
 from lerobot.scripts.lerobot_eval import eval_policy_all
+from safetensors.torch import load_file, save_file
 
 from lerobot_lisa.analysis.recording import record as record_module
 from lerobot_lisa.analysis.recording import traces
@@ -103,6 +105,35 @@ def test_a_folder_of_something_else_is_left_alone(lisa: Path, tmp_path: Path) ->
     with pytest.raises(UserError, match="is in the way and was not made by this program"):
         record(config(lisa), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize("mistake", [{"task": "GoToLocl"}, {"policy": ["--code_width=8"]}])
+def test_a_mistake_leaves_nothing_behind(mistake: dict[str, Any], lisa: Path, tmp_path: Path) -> None:
+    wrong = config(lisa, **{"task": "GoToLocal", **{key: mistake[key] for key in mistake if key == "task"}})
+    wrong.policy = load_config(str(lisa), mistake.get("policy", []))
+    with pytest.raises(UserError):
+        record(wrong, tmp_path / "outputs" / "trace")
+    assert not (tmp_path / "outputs").exists()
+    record(config(lisa, task="GoToLocal"), tmp_path / "outputs" / "trace")
+
+
+def test_a_mistake_that_shows_at_the_first_step_leaves_the_folder_free(lisa: Path, tmp_path: Path) -> None:
+    class Refusing(Diary):
+        def before_step(self, moment: Moment) -> None:
+            raise UserError("another world")
+
+    with pytest.raises(UserError, match="another world"):
+        record(config(lisa, task="GoToLocal", seed=1), tmp_path / "trace", [Refusing()])
+    record(config(lisa, task="GoToLocal", seed=2), tmp_path / "trace")
+
+
+def test_other_weights_in_the_same_place_are_another_evaluation(lisa: Path, tmp_path: Path) -> None:
+    policy, folder = Path(shutil.copytree(lisa, tmp_path / "lisa")), tmp_path / "trace"
+    record(config(policy, task="GoToLocal", n_episodes=1), folder)
+    weights = load_file(policy / "model.safetensors")
+    save_file({name: value * 2 for name, value in weights.items()}, policy / "model.safetensors")
+    with pytest.raises(UserError, match=r"another evaluation \(checkpoint\.sha256 was .*: choose another --output_dir"):
+        record(config(policy, task="GoToLocal", n_episodes=1), folder)
 
 
 def test_two_processes_do_not_share_a_folder(lisa: Path, recorded: Path) -> None:

@@ -14,16 +14,13 @@ COMMIT = "1" * 40
 _API = r"/api/(?:models|datasets)/([^/]+/[^/]+)"
 
 
-def _reference(name: str) -> dict[str, str]:
-    return {"name": name.split("/")[1], "ref": f"refs/{name}", "targetCommit": COMMIT}
-
-
 class LocalHub:
     """Serves while it is entered; the files of a repository are at `root/<user>/<name>`."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
         self.tags: dict[str, list[str]] = {}
+        self.head = COMMIT  # of every repository; whatever revision is asked for, this is what is there
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (_Handler,), {"hub": self}))
 
     @property
@@ -74,7 +71,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._json({"files": [{**file, "shouldIgnore": False} for file in files]})
         elif found := re.fullmatch(rf"{_API}/commit/main", path):
             self.hub.commit(found[1], body)
-            self._json({"commitOid": COMMIT, "commitUrl": f"{self.hub.url}/{found[1]}/commit/{COMMIT}"})
+            self._json({"commitOid": self.hub.head, "commitUrl": f"{self.hub.url}/{found[1]}/commit/{self.hub.head}"})
         elif found := re.fullmatch(rf"{_API}/tag/main", path):
             self.hub.tags.setdefault(found[1], []).append(json.loads(body)["tag"])
             self._json({})
@@ -86,21 +83,24 @@ class _Handler(BaseHTTPRequestHandler):
         if found := re.fullmatch(r"(?:/datasets)?/([^/]+/[^/]+)/resolve/[^/]+/(.+)", path):
             self._file(self.hub.root / found[1] / unquote(found[2]))
         elif found := re.fullmatch(rf"{_API}/refs", path):
-            self._json({"converts": [], "branches": [_reference("heads/main")], "tags": self._tags(found[1])})
+            self._json({"converts": [], "branches": [self._reference("heads/main")], "tags": self._tags(found[1])})
         elif found := re.fullmatch(rf"{_API}/tree/[^/]+", path):
             self._json(
                 [{"type": "file", "path": name, **self._size(file)} for name, file in self.hub.files(found[1]).items()]
             )
         elif found := re.fullmatch(rf"{_API}(?:/revision/[^/]+)?", path):
             siblings = [{"rfilename": name} for name in self.hub.files(found[1])]
-            self._json({"id": found[1], "sha": COMMIT, "private": False, "tags": [], "siblings": siblings})
+            self._json({"id": found[1], "sha": self.hub.head, "private": False, "tags": [], "siblings": siblings})
         else:
             self._answer(404, b"", {})
 
     do_HEAD = do_GET
 
     def _tags(self, repo: str) -> list[dict[str, str]]:
-        return [_reference(f"tags/{tag}") for tag in self.hub.tags.get(repo, [])]
+        return [self._reference(f"tags/{tag}") for tag in self.hub.tags.get(repo, [])]
+
+    def _reference(self, name: str) -> dict[str, str]:
+        return {"name": name.split("/")[1], "ref": f"refs/{name}", "targetCommit": self.hub.head}
 
     @staticmethod
     def _size(file: Path) -> dict[str, Any]:
@@ -118,10 +118,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _file(self, path: Path) -> None:
         if not path.is_file():
-            self._answer(404, b"", {"X-Error-Code": "EntryNotFound", "X-Repo-Commit": COMMIT})
+            self._answer(404, b"", {"X-Error-Code": "EntryNotFound", "X-Repo-Commit": self.hub.head})
             return
         content = path.read_bytes()
-        self._answer(200, content, {"ETag": f'"{hashlib.sha1(content).hexdigest()}"', "X-Repo-Commit": COMMIT})
+        self._answer(200, content, {"ETag": f'"{hashlib.sha1(content).hexdigest()}"', "X-Repo-Commit": self.hub.head})
 
     def _json(self, answer: dict[str, Any]) -> None:
         self._answer(200, json.dumps(answer).encode(), {"Content-Type": "application/json"})

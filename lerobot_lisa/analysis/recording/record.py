@@ -20,7 +20,7 @@ from lerobot_lisa.analysis.recording.traces import EPISODES, EPISODES_FILE, STEP
 from lerobot_lisa.checkpoints.identity import identify
 from lerobot_lisa.errors import UserError
 
-NOTE, _LOCK = "evaluation.json", "lock"
+NOTE, _LOCK, _PARTS = "evaluation.json", "lock", "parts"
 _SCHEMAS = {EPISODES_FILE: EPISODES, STEPS_FILE: STEPS}
 
 
@@ -77,7 +77,7 @@ def describe(config: EvaluationConfig, **more: Any) -> dict[str, Any]:
 def _record_batches(
     config: EvaluationConfig, folder: Path, watchers: Sequence[Watcher], evaluation: Evaluation, facts: dict[str, Any]
 ) -> None:
-    parts = folder / "parts"
+    parts = folder / _PARTS
     parts.mkdir(exist_ok=True)
     batches = _batches(config, evaluation)
     codes = code_labels(evaluation.policy)
@@ -128,14 +128,17 @@ def _claimed(folder: Path, facts: str) -> Iterator[None]:
             try:
                 yield
             except UserError:
-                if {path.name for path in folder.iterdir()} <= {
-                    NOTE,
-                    _LOCK,
-                }:  # it cannot be done: leave the folder free
-                    (folder / NOTE).unlink()
+                _leave(folder)
                 raise
     except Timeout:
         raise UserError(f"{folder}: another process is recording there; wait or choose another --output_dir") from None
+
+
+def _leave(folder: Path) -> None:
+    """Keep no claim to a folder in which nothing has been recorded: the mistake may be mended by another option."""
+    if not any(path.is_file() and path.name not in (NOTE, _LOCK) for path in folder.rglob("*")):
+        shutil.rmtree(folder / _PARTS, ignore_errors=True)
+        (folder / NOTE).unlink()
 
 
 def _write(path: Path, text: str) -> None:
