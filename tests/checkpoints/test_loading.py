@@ -1,6 +1,8 @@
 """Sound checkpoints are loaded as LeRobot loads them, and old ones still are."""
 
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import tiny_checkpoints
@@ -13,6 +15,8 @@ from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+
+PAGE = Path(__file__).parents[2] / "docs" / "checkpoints.md"
 
 
 def frame() -> dict[str, object]:
@@ -37,6 +41,14 @@ def test_the_policy_acts_as_lerobots(settings: dict[str, bool], symbolic: Path, 
         assert torch.equal(
             postprocess(policy.select_action(preprocess(seen))), after(theirs.select_action(before(seen)))
         )
+
+
+def test_the_pages_snippet(lisa: Path) -> None:
+    (snippet,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    found: dict[str, Any] = {}
+    exec(snippet.replace("outputs/lisa/checkpoints/last/pretrained_model", str(lisa)), found)
+    assert found["policy"].config.action_temperature == 0
+    assert len(found["identity"].sha256) == 64
 
 
 def test_lang_dt(symbolic: Path, tmp_path: Path) -> None:
