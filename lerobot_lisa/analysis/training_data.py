@@ -1,10 +1,11 @@
 """What a checkpoint was trained on: its instructions and the names of its actions, if the dataset is still there."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lerobot_lisa.checkpoints.files import refusing
+from lerobot_lisa.checkpoints.training import training_dataset
 from lerobot_lisa.errors import UserError
 
 
@@ -34,17 +35,18 @@ class TrainingData:
     note: str
 
 
-def find(checkpoint: str, root: Path | None = None) -> TrainingData:
+def find(checkpoint: str, root: Path | None = None, revision: str | None = None) -> TrainingData:
     """Look for the dataset that a checkpoint's `train_config.json` names, or in a folder.
 
     Args:
         checkpoint: Folder or Hub id.
         root: The dataset's folder, if it is not where it was in training.
+        revision: Of the Hub's repository.
 
     Raises:
-        UserError: There is no dataset in `root`.
+        UserError: There is no dataset in `root`, or the one there cannot be read.
     """
-    named = _named(checkpoint)
+    named = training_dataset(checkpoint, revision)
     if root is not None:
         check_dataset(root)
         return _read(root, named or {})
@@ -71,19 +73,6 @@ def _is_dataset(root: Path) -> bool:
     return (root / "meta" / "info.json").is_file()
 
 
-def _named(checkpoint: str) -> dict[str, Any] | None:
-    """The dataset's part of the training configuration, which `lerobot-train` keeps with a checkpoint."""
-    from huggingface_hub import hf_hub_download
-    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
-
-    folder = Path(checkpoint)
-    try:
-        path = folder if folder.is_dir() else Path(hf_hub_download(checkpoint, "train_config.json")).parent
-        return json.loads((path / "train_config.json").read_text(encoding="utf-8"))["dataset"]
-    except (OSError, ValueError, KeyError, HfHubHTTPError, LocalEntryNotFoundError):
-        return None
-
-
 def _place(named: dict[str, Any]) -> Path:
     from lerobot.utils.constants import HF_LEROBOT_HOME
 
@@ -91,6 +80,11 @@ def _place(named: dict[str, Any]) -> Path:
 
 
 def _read(root: Path, named: dict[str, Any]) -> TrainingData:
+    with refusing(f"{root} is not the dataset of the checkpoint", "pass --dataset.root=FOLDER of that one"):
+        return _read_metadata(root, named)
+
+
+def _read_metadata(root: Path, named: dict[str, Any]) -> TrainingData:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
     meta = LeRobotDatasetMetadata(named.get("repo_id") or root.name, root=root)

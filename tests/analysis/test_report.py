@@ -144,3 +144,26 @@ def test_training_on_some_episodes_saw_their_instructions_only(lisa: Path, symbo
     config = tmp_path / "lisa" / "train_config.json"
     config.write_text(config.read_text().replace("null", "[1, 4]"))
     assert training_data.find(str(tmp_path / "lisa")).instructions == {"open a door", "go"}
+
+
+@pytest.mark.parametrize(
+    "named",
+    ["", "[]", '{"dataset": [1]}', '{"dataset": {"root": null}}', '{"dataset": {"repo_id": "x", "episodes": ["0"]}}'],
+)
+def test_a_training_configuration_that_names_no_dataset(named: str, lisa: Path, tmp_path: Path) -> None:
+    shutil.copytree(lisa, tmp_path / "lisa")
+    (tmp_path / "lisa" / "train_config.json").write_text(named)
+    assert "does not name its training data" in training_data.find(str(tmp_path / "lisa")).note
+
+
+def test_training_data_that_cannot_be_the_checkpoints(lisa: Path, symbolic: Path, tmp_path: Path) -> None:
+    shutil.copytree(lisa, tmp_path / "lisa")
+    config = tmp_path / "lisa" / "train_config.json"
+    config.write_text(config.read_text().replace("null", "[1000000000]"))
+    with pytest.raises(UserError, match=r"is not the dataset of the checkpoint .* pass --dataset\.root"):
+        training_data.find(str(tmp_path / "lisa"))
+    (tmp_path / "data" / "meta").mkdir(parents=True)
+    (tmp_path / "data" / "meta" / "info.json").write_text("[]")
+    config.write_text(config.read_text().replace(str(symbolic), str(tmp_path / "data")))
+    with pytest.raises(UserError, match="data is not the dataset of the checkpoint"):
+        training_data.find(str(tmp_path / "lisa"))

@@ -43,6 +43,12 @@ class CheckpointConfig:
         assert self.policy is not None  # refused above
         return str(self.policy.pretrained_path)
 
+    @property
+    def revision(self) -> str | None:
+        """The commit of the Hub's repository that the policy is from; None for a folder."""
+        assert self.policy is not None  # refused above
+        return self.policy.pretrained_revision
+
     @classmethod
     def __get_path_fields__(cls) -> list[str]:
         """LeRobot's parser takes `--policy.path` out before draccus sees it."""

@@ -64,7 +64,7 @@ def report(config: ReportConfig) -> None:
     Raises:
         UserError: The checkpoint, the environment, the training data or the folder cannot be used.
     """
-    data = training_data.find(config.checkpoint, config.dataset.root)
+    data = training_data.find(config.checkpoint, config.dataset.root, config.revision)
     _check_folder(config.output_dir)
     trace = _record(config)
     with TemporaryDirectory(dir=config.output_dir, prefix=".building_") as folder:
