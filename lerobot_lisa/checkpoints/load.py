@@ -14,7 +14,7 @@ from lerobot.utils.constants import ACTION
 
 from lerobot_lisa.checkpoints.files import CONFIG, WEIGHTS, find, refusing
 from lerobot_lisa.checkpoints.identity import Identity, identity_of
-from lerobot_lisa.checkpoints.pipelines import load_pipelines, stats_of
+from lerobot_lisa.checkpoints.pipelines import blank, load_pipelines, stats_of
 from lerobot_lisa.checkpoints.settings import load_config
 from lerobot_lisa.checkpoints.weights import check_weights
 from lerobot_lisa.errors import UserError
@@ -68,8 +68,20 @@ def load_checkpoint(
             empty = made(deepcopy(config))
         check_weights(weights, empty)
         known = {} if dataset is None else {"dataset_stats": stats_of(preprocess), "dataset_meta": dataset}
-        policy = made.from_pretrained(weights.parent, config=config, **known)
-    return Checkpoint(policy.eval(), preprocess, postprocess, identity_of(files))
+        policy = made.from_pretrained(weights.parent, config=config, **known).eval()
+    with refusing(f"--policy.path={files.name} cannot act"):
+        _try_to_act(policy, preprocess, postprocess)
+    return Checkpoint(policy, preprocess, postprocess, identity_of(files))
+
+
+def _try_to_act(policy: "EpisodePolicy", preprocess: Any, postprocess: Any) -> None:
+    """Take one step, and forget it: finite weights and settings may still give numbers that are not."""
+    policy.reset()
+    action = postprocess(policy.select_action(preprocess(blank(preprocess, policy.config))))
+    if not action.isfinite().all():
+        raise ValueError("its action is not finite")
+    policy.reset()
+    policy.rollouts = 0
 
 
 def _check_actions(config: EpisodePolicyConfig, env: EnvConfig) -> None:

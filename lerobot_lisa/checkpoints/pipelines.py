@@ -1,8 +1,8 @@
 """A checkpoint's pre- and postprocessor, built from our own list of steps.
 
 LeRobot builds whatever class a pipeline's JSON names under "class" and looks at its type afterwards: such a file can
-run any program. Here a pipeline must have the steps that `policies.processors` gives it, by their registered names,
-and the tensors are read by us from files beside it.
+run any program. Here a pipeline must have the steps that `make_pipelines` of the policies gives it, by their registered
+names, and the tensors are read by us from files beside it.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,6 @@ from lerobot_lisa.checkpoints.files import RETAKE, Files, refusing
 from lerobot_lisa.checkpoints.tokenizer import check_tokenizer
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
-from lerobot_lisa.policies.processors import Pipelines
 
 PREPROCESSOR = f"{POLICY_PREPROCESSOR_DEFAULT_NAME}.json"
 POSTPROCESSOR = f"{POLICY_POSTPROCESSOR_DEFAULT_NAME}.json"
@@ -98,7 +97,7 @@ def read_pipeline(files: Files, name: str) -> Written:
     return Written(name, content)
 
 
-def load_pipelines(files: Files, config: EpisodePolicyConfig) -> Pipelines:
+def load_pipelines(files: Files, config: EpisodePolicyConfig) -> tuple[PolicyProcessorPipeline, ...]:
     """Build both pipelines, their tensors included, and try them on zeros.
 
     Raises:
@@ -131,6 +130,14 @@ def load_pipelines(files: Files, config: EpisodePolicyConfig) -> Pipelines:
 def stats_of(preprocess: PolicyProcessorPipeline) -> dict[str, Any] | None:
     """The statistics that a preprocessor scales with."""
     return next((step.stats for step in preprocess.steps if isinstance(step, NormalizerProcessorStep)), None)
+
+
+def blank(preprocess: PolicyProcessorPipeline, config: EpisodePolicyConfig) -> dict[str, Any]:
+    """A batch of one observation, all zeros, as an environment would give it to a preprocessor."""
+    sources = {new: old for old, new in preprocess.steps[0].rename_map.items()}
+    features: dict[str, PolicyFeature] = config.input_features or {}
+    zeros = {sources.get(key, key): torch.zeros(1, *feature.shape) for key, feature in features.items()}
+    return {**zeros, "task": ["go to the red ball"]}
 
 
 def _registered_name(path: Any, step: Any) -> str:
@@ -191,11 +198,8 @@ def _check_scaling(steps: list[Any]) -> None:
 
 
 def _try_before(preprocess: PolicyProcessorPipeline, config: EpisodePolicyConfig) -> None:
-    sources = {new: old for old, new in preprocess.steps[0].rename_map.items()}
-    features: dict[str, PolicyFeature] = config.input_features or {}
-    zeros = {sources.get(key, key): torch.zeros(1, *feature.shape) for key, feature in features.items()}
-    seen = preprocess({**zeros, "task": ["go to the red ball"]})
-    for key, feature in features.items():
+    seen = preprocess(blank(preprocess, config))
+    for key, feature in (config.input_features or {}).items():
         if key not in seen or seen[key].shape != (1, *feature.shape) or not seen[key].isfinite().all():
             raise ValueError(f"it gives the policy no finite {key} of shape {tuple(feature.shape)}")
     if OBS_LANGUAGE_TOKENS not in seen:

@@ -67,6 +67,9 @@ BERT = {"model_type": "bert", "hidden_size": 16, "num_attention_heads": 2, "num_
         (CONFIG, settings(action_classes=10**9), "head|action_classes"),
         (CONFIG, settings(max_timesteps=10**9), "timestep"),
         (CONFIG, settings(max_timesteps=-5), "timestep|negative"),
+        (CONFIG, settings(action_temperature=1e-300), "cannot act|action_temperature"),
+        (CONFIG, settings(n_predictor_layers=-1), "n_predictor_layers"),
+        (CONFIG, settings(n_heads=-2), "cannot act|n_heads"),
         (CONFIG, settings(skill_plan="9" * 5000), "plan|config"),
         (CONFIG, settings(skill_plan=",".join(["0*1"] * 10**6)), "bytes, more than"),
         (CONFIG, settings(vocabulary=["[PAD]", "a"]), "language encoder knows 4"),
@@ -167,12 +170,14 @@ def replaced(change: Callable[[torch.Tensor], torch.Tensor]) -> Change:
         (replaced(lambda value: value.to(torch.int32)), "is torch.int32"),
         (replaced(lambda value: value.index_fill(0, torch.tensor([0]), float("nan"))), "is not finite"),
         (replaced(lambda value: value.index_fill(1, torch.tensor([3]), float("inf"))), "is not finite"),
+        (lambda tensors: [value.fill_(1e38) for value in tensors.values() if value.is_floating_point()], "cannot act"),
         (lambda tensors: [value.zero_() for name, value in tensors.items() if "initted" in name], "codebook is empty"),
     ],
 )  # fmt: skip
 def test_weights(copy: Copy, change: Change, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     copy.edit_tensors("model.safetensors", change)
-    assert re.search(r"model\.safetensors.*" + line, refused(copy, monkeypatch))
+    file = "" if line == "cannot act" else r"model\.safetensors.*"
+    assert re.search(file + line, refused(copy, monkeypatch))
 
 
 @pytest.mark.parametrize("header", [{"a": {"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}}, {"a": 7}])
