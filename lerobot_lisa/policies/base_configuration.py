@@ -267,9 +267,10 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 )
             self.action_classes = int(high) + 1
         if self.action_classes and (low < 0 or high >= self.action_classes):
+            fix = "number them from 0" if low < 0 else f"pass {high + 1:g} or more"
             raise UserError(
                 f"--policy.action_classes={self.action_classes} does not fit the dataset, whose actions are {low:g} to "
-                f"{high:g}: pass {high + 1:g} or more, or 0 to treat them as real numbers"
+                f"{high:g}: {fix}, or pass 0 to treat them as real numbers"
             )
         if self.max_timesteps is None:
             self.max_timesteps = longest
@@ -366,6 +367,8 @@ def _is_integer(feature: dict[str, Any]) -> bool:
 
 def _count_classes(action: dict[str, Any]) -> int | None:
     """Number of different actions as `info.json` tells it: 0 for real-valued ones, None if it does not."""
+    if action.get("dtype") == "bool":
+        return 2 if math.prod(action["shape"]) == 1 else 0
     if not _is_integer(action):
         return 0
     names = action.get("names")

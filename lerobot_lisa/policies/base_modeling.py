@@ -142,6 +142,8 @@ class EpisodePolicy(PreTrainedPolicy):
         frames, packing = store.gather(batch["episode_index"], self._device)
         frames = self.scaled(frames)
         frames[ACTION] = frames[ACTION].reshape(packing.total, -1)
+        if frames[ACTION].dtype == torch.bool:
+            frames[ACTION] = frames[ACTION].float()  # numbers to subtract
         if first:
             self._check_scaling(batch, frames, store.starts, packing)
         return frames, packing

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tiny_datasets
 import torch
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.policies.factory import make_policy, make_pre_post_processors
 from tiny_policies import Training, training
 
+from dataset_converters.writer import DatasetLayout, Episode, write_dataset
 from lerobot_lisa.errors import UserError
 
 MEAN_STD = {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
@@ -40,6 +42,26 @@ def test_statistics_that_are_not_finite(value: float, continuous: Path) -> None:
 
     with pytest.raises(UserError, match=r"`action` of the dataset holds NaN or infinite .*stats\.json"):
         make_policy(cfg, ds_meta=made.dataset.meta)
+
+
+@pytest.mark.parametrize(("size", "classes"), [(1, 2), (3, 0)])
+def test_actions_that_are_switches(size: int, classes: int, tmp_path: Path) -> None:
+    """One switch is a choice of two, several are numbers."""
+    switches = {"dtype": "bool", "shape": (size,), "names": [*"abc"][:size]}
+    features = {"observation.state": tiny_datasets.STATE, "action": switches}
+    frames = {
+        "observation.state": np.zeros((8, 3), np.float32),
+        "action": np.arange(8 * size).reshape(8, size) % 2 == 0,
+    }
+    write_dataset(tmp_path / "data", DatasetLayout("local/tiny", 10, features), [Episode("go", frames)])
+
+    made = training("lisa", tmp_path / "data")
+    loss, _ = made.policy.forward(made.batch([0, 5]))
+
+    assert made.policy.config.action_classes == classes
+    assert torch.isfinite(loss)
+    live = made.preprocessor({"observation.state": torch.zeros(1, 3), "task": "go"})
+    assert made.policy.select_action(live).shape == (1, size)
 
 
 def test_resuming_on_data_whose_statistics_have_changed(continuous: Path, tmp_path: Path) -> None:

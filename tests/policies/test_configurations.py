@@ -60,6 +60,8 @@ def test_classes_from_statistics_where_names_do_not_tell() -> None:
     assert described(features=unnamed, stats={"action": {"max": np.array([4])}}).action_classes == 5
     with pytest.raises(UserError, match=r"pass --policy\.action_classes=N"):
         described(features=unnamed)
+    with pytest.raises(UserError, match=r"whose actions are -1 to 1: number them from 0, or pass 0"):
+        described(features=unnamed, stats={"action": {"min": np.array([-1]), "max": np.array([1])}})
 
 
 def test_what_the_user_has_set_stays() -> None:
