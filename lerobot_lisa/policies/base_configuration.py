@@ -250,7 +250,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             longest: Frames in its longest episode, how far rollouts will look back.
 
         Raises:
-            UserError: A feature holds numbers that are not finite, or more symbols or actions than there is room for.
+            UserError: A feature holds more symbols or actions than there is room for.
         """
         for key, feature in (self.input_features or {}).items():
             low, high = _range(key, stats)
@@ -389,6 +389,4 @@ def _range(key: str, stats: dict[str, dict[str, Any]] | None) -> tuple[float, fl
     """Least and greatest value of a feature; 0 and 0 where the statistics do not tell."""
     known = (stats or {}).get(key, {})
     low, high = (float(getattr(known[name], name)()) if name in known else 0.0 for name in ("min", "max"))
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise UserError(f"`{key}` of the dataset holds NaN or infinite numbers (meta/stats.json): mend the dataset")
     return low, high

@@ -111,7 +111,7 @@ class EpisodePolicy(PreTrainedPolicy):
             The loss and numbers for the training log.
 
         Raises:
-            UserError: The policy was built without a dataset, or an episode holds numbers that are not finite.
+            UserError: The policy was built without a dataset, or its episodes cannot be read or used.
         """
         self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
         frames, packing = self.gather(batch)
@@ -121,10 +121,8 @@ class EpisodePolicy(PreTrainedPolicy):
         head = self.network.head
         action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
         metrics = {**metrics, "action_loss": action_loss.mean(), **head.metrics(outputs.detach(), actions)}
-        loss, numbers = action_loss if reduction == "none" else action_loss.mean(), _numbers(metrics)
-        if not math.isfinite(numbers["action_loss"]):
-            _blame_data(frames, packing, batch["episode_index"])
-        return loss + extra_loss, numbers
+        loss = action_loss if reduction == "none" else action_loss.mean()
+        return loss + extra_loss, _numbers(metrics)
 
     def gather(self, batch: Mapping[str, Any]) -> tuple[dict[str, Tensor], Packing]:
         """The whole episodes of a batch's frames, under the policy's names and in its scale.
@@ -353,18 +351,6 @@ def _numbers(metrics: Metrics) -> dict[str, float]:
     """Scalars as numbers: one wait for the device, not one for each."""
     values = torch.stack([value.detach().float() for value in metrics.values()]).tolist()
     return dict(zip(metrics, values, strict=True))
-
-
-def _blame_data(frames: Mapping[str, Tensor], packing: Packing, episodes: Tensor) -> None:
-    """Raise `UserError` if a loss that is not finite comes from an episode; training in halves may get over others."""
-    for key, column in frames.items():
-        bad = ~torch.isfinite(column.flatten(1)).all(1)
-        if bad.any():
-            episode = int(episodes.reshape(-1)[packing.sequence[bad][0].to(episodes.device)])
-            raise UserError(
-                f"episode {episode}: `{key}` holds NaN or infinite numbers: mend the dataset, or train without the "
-                "episode (--dataset.episodes)"
-            )
 
 
 def _blame_world(observations: Mapping[str, Tensor]) -> str:
