@@ -60,7 +60,7 @@ BERT = {"model_type": "bert", "hidden_size": 16, "num_attention_heads": 2, "num_
         (CONFIG, settings(input_features=None), r"config\.json names no input_features"),
         (CONFIG, settings(output_features={}), r"config\.json names no output_features"),
         (CONFIG, settings(nobody_knows=1), r"config\.json cannot be used .*nobody_knows"),
-        (CONFIG, settings(device="/dev/sda"), r"config\.json cannot be used .*/dev/sda"),
+        (CONFIG, settings(device="/dev/sda"), "/dev/sda"),
         (CONFIG, settings(dropout=float("nan")), r"config\.json is not JSON .*NaN is no number"),
         (CONFIG, settings(use_peft=True), r"config\.json is an adapter's"),
         (CONFIG, settings(codebook_size=10**8), "codebook"),
@@ -79,7 +79,7 @@ BERT = {"model_type": "bert", "hidden_size": 16, "num_attention_heads": 2, "num_
             lambda content: content["input_features"]["observation.grid"].update(shape=[-147]),
             "observation.grid|preprocessor",
         ),
-        (CONFIG, lambda content: content["input_features"]["observation.grid"].update(shape=[10**12]), "grid|cannot"),
+        (CONFIG, lambda made: made["input_features"]["observation.grid"].update(shape=[10**12]), "grid|parameters"),
         (CONFIG, settings(language_encoder="/etc", language_model=None), r"config\.json does not describe its lang"),
         (CONFIG, settings(language_encoder="x", language_model={"model_type": "os.system"}), "no language encoder can"),
         (CONFIG, settings(language_encoder="x", language_model={"hidden_size": 8}), "no language encoder can"),
@@ -150,6 +150,9 @@ def test_files(copy: Copy, file: str, kind: str, monkeypatch: pytest.MonkeyPatch
     assert file in refused(copy, monkeypatch)
 
 
+UNSOUND = "cannot act|predictions that are NaN or infinite"
+
+
 def first_weight(tensors: dict[str, torch.Tensor]) -> str:
     return next(name for name, value in tensors.items() if value.is_floating_point() and value.ndim == 2)
 
@@ -170,13 +173,13 @@ def replaced(change: Callable[[torch.Tensor], torch.Tensor]) -> Change:
         (replaced(lambda value: value.to(torch.int32)), "is torch.int32"),
         (replaced(lambda value: value.index_fill(0, torch.tensor([0]), float("nan"))), "is not finite"),
         (replaced(lambda value: value.index_fill(1, torch.tensor([3]), float("inf"))), "is not finite"),
-        (lambda tensors: [value.fill_(1e38) for value in tensors.values() if value.is_floating_point()], "cannot act"),
+        (lambda tensors: [value.fill_(1e38) for value in tensors.values() if value.is_floating_point()], UNSOUND),
         (lambda tensors: [value.zero_() for name, value in tensors.items() if "initted" in name], "codebook is empty"),
     ],
 )  # fmt: skip
 def test_weights(copy: Copy, change: Change, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     copy.edit_tensors("model.safetensors", change)
-    file = "" if line == "cannot act" else r"model\.safetensors.*"
+    file = "" if line == UNSOUND else r"model\.safetensors.*"
     assert re.search(file + line, refused(copy, monkeypatch))
 
 
