@@ -66,8 +66,8 @@ def _language_model(files: Files, config: EpisodePolicyConfig) -> dict[str, Any]
     if not noted:
         raise UserError(f"{path} does not describe its language encoder (language_model): {RETAKE}")
     for key, value in noted.items():
-        numbers = [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, int | float)]
-        most = _DEEPEST if "layer" in key and not isinstance(value, float) else _LARGEST
+        numbers = [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, int)]
+        most = _DEEPEST if "layer" in key else _LARGEST
         if isinstance(value, dict) or any(not -most <= v <= most for v in numbers):
             raise UserError(f"{path}: language_model.{key} is {value!r:.100}, at most {most:,} can be built: {RETAKE}")
     from transformers import AutoConfig  # slow to import, and word-level policies do without

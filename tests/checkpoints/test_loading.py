@@ -68,18 +68,26 @@ def test_scaling_is_the_checkpoints(continuous: Path, tmp_path: Path) -> None:
     assert not torch.equal(ours[1](action), action)
 
 
-def test_a_pretrained_language_encoder_is_built_from_its_note(copy: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
+SMALL_ENCODERS: dict[str, dict[str, Any]] = {
+    "distilbert": {"dim": 16, "n_layers": 1, "n_heads": 2, "hidden_dim": 16},
+    "t5": {"d_model": 16, "d_kv": 8, "d_ff": 16, "num_layers": 1, "num_heads": 2},
+    "clip_text_model": {"hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2},
+}
+
+
+@pytest.mark.parametrize("kind", SMALL_ENCODERS)
+def test_a_pretrained_language_encoder_is_built_from_its_note(kind: str, copy: Copy) -> None:
     """What would choose code, such as another attention, is left out of the note."""
-    small = {"model_type": "distilbert", "vocab_size": 30, "dim": 16, "n_layers": 1, "n_heads": 2, "hidden_dim": 16}
+    note = {"model_type": kind, "vocab_size": 30, **SMALL_ENCODERS[kind]}
     config = load_config(str(copy.folder))
-    config.language_encoder, config.language_model, config.pretrained_path = "me/encoder", small, None
+    config.language_encoder, config.language_model, config.pretrained_path = "me/encoder", note, None
     make_policy(config, env_cfg=BabyAIEnvConfig()).save_pretrained(copy.folder)
     copy.edit_tensors("model.safetensors", lambda tensors: [v.fill_(1) for k, v in tensors.items() if "initted" in k])
     copy.edit("config.json", lambda content: content["language_model"].update(attn_implementation="evil/kernels"))
 
     policy = load_checkpoint(load_config(str(copy.folder))).policy
 
-    assert policy.config.language_model == small
+    assert policy.config.language_model == note
 
 
 def test_numbers_of_the_training_steps_may_come_and_go(copy: Copy) -> None:
