@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_type_hints
 
 from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
@@ -27,16 +27,22 @@ def run_command(work: Callable[[Any], object], listed: str = "", interrupted: st
     register_third_party_plugins()
     if listed:
         sys.argv = [sys.argv[0], *_as_option(listed, sys.argv[1:])]
-    return exit_code(lambda: _parse_and_work(work), interrupted)
+    return exit_code(lambda: work(_parse(work)), interrupted)
 
 
-def _parse_and_work(work: Callable[[Any], object]) -> None:
+def _parse(work: Callable[[Any], object]) -> Any:
+    """The command line as the dataclass that `work` takes; LeRobot lets most of the parser's errors through."""
     from draccus.utils import DraccusException
 
+    def keep(config: Any) -> Any:
+        return config
+
+    keep.__annotations__["config"] = next(iter(get_type_hints(work).values()))
     try:
-        parser.wrap()(work)()
-    except (DraccusException, parser.ArgumentError) as error:  # of options that are none; LeRobot lets them through
-        raise UserError(" ".join(str(error).split()) or "the options cannot be read: see --help") from error
+        return parser.wrap()(keep)()
+    except (DraccusException, parser.ArgumentError, ValueError) as error:
+        reasons = [str(reason) for reason in (error, error.__cause__) if reason is not None]
+        raise UserError(" ".join(": ".join(reasons).split()) or "the options cannot be read: see --help") from error
 
 
 def _as_option(name: str, words: list[str]) -> list[str]:

@@ -141,9 +141,9 @@ def draw_heat_map(axes: Axes, grid: Grid, highest: float | None = None) -> None:
 
 def heat_map(grid: Grid, title: str, sample: str, highest: float | None = None) -> Figure:
     """A figure of one heat map, as wide as the page at most; see `draw_heat_map`."""
-    names = 0.3 + 0.075 * max(len(clip(name)) for name in grid.rows)
+    names = 0.3 + 0.085 * max(len(clip(name)) for name in grid.rows)
     below = 0.06 * max(len(clip(name)) for name in grid.columns)
-    width = min(PAGE_WIDTH, max(5.0, 0.3 * len(grid.columns) + names + 1.0))
+    width = min(PAGE_WIDTH, max(5.0, 0.3 * len(grid.columns) + names + 1.6))
     figure = new_figure(width, max(2.0, height(len(grid.rows)) + 1.1 + (below if below > 0.36 else 0)))
     axes = figure.add_subplot()
     draw_heat_map(axes, grid, highest)

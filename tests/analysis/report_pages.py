@@ -37,9 +37,15 @@ def synthetic(codes: int, words: int, episodes: int = 60, steps: int = 12, horiz
     rng = np.random.default_rng(seed)
     vocabulary = [f"word{number}" for number in range(words)]
     told = [" ".join(rng.choice(vocabulary, 5)) for _ in range(episodes)]
+    return trace_of(told, [int(instruction.split()[0][4:]) for instruction in told], codes, steps, horizon, rng)
+
+
+def trace_of(
+    told: list[str], firsts: list[int], codes: int, steps: int, horizon: int, rng: np.random.Generator
+) -> Trace:
+    """Random episodes with given instructions and first codes."""
     rows = []
-    for episode, instruction in enumerate(told):
-        first = int(instruction.split()[0][4:])
+    for episode, (instruction, first) in enumerate(zip(told, firsts, strict=True)):
         for step in range(steps):
             code = (first + step // horizon) % USED * codes // USED
             action = [float(rng.integers(7))]
@@ -47,7 +53,7 @@ def synthetic(codes: int, words: int, episodes: int = 60, steps: int = 12, horiz
     names = ["group", "task_id", "episode", "seed", "step", "instruction", "code", "action", "success"]
     frame = pd.DataFrame(rows, columns=names)
     starts = frame[frame["step"] == 0].drop(columns=["step", "code", "action"]).reset_index(drop=True)
-    ends = starts.assign(steps=steps, success=rng.random(episodes) < 0.6)
+    ends = starts.assign(steps=steps, success=rng.random(len(told)) < 0.6)
     return Trace(frame, ends, origin(codes, horizon))
 
 

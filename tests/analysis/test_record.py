@@ -12,9 +12,10 @@ from filelock import FileLock
 from lerobot.scripts.lerobot_eval import eval_policy_all
 from safetensors.torch import load_file, save_file
 
+from lerobot_lisa.analysis.control.videos import VideoWriter
 from lerobot_lisa.analysis.recording import record as record_module
 from lerobot_lisa.analysis.recording import traces
-from lerobot_lisa.analysis.recording.environment import Moment, hash_observation, render, step_successes
+from lerobot_lisa.analysis.recording.environment import Batch, Moment, hash_observation, render, step_successes
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load, load_config
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
@@ -183,6 +184,23 @@ def test_watchers_see_every_step(lisa: Path, tmp_path: Path) -> None:
     assert sorted(seen) == list(trace.steps[["episode", "step", "code"]].itertuples(index=False, name=None))
     assert sum(moment.codes is None for moment in diary.moments) == -(-EPISODES // BATCH)
     assert len(diary.shapes) == 1
+
+
+def test_a_task_group_stays_in_its_folder(lisa: Path, tmp_path: Path) -> None:
+    """A foreign environment may call its groups anything."""
+    cfg = config(lisa, task="GoToLocal", n_episodes=1)
+    evaluation = load(cfg)
+    for name in ("../../escape", "/", "a" * 300, ".hidden", "a b"):
+        folder = tmp_path / "deep" / "down" / str(len(name))
+        films = VideoWriter(folder / "videos", 1)
+        renamed = evaluation._replace(envs={name: evaluation.envs["babyai"]})
+        trace = record(cfg, folder, [films], renamed)
+        assert list(trace.episodes["group"]) == [name]
+        (film,) = (folder / "videos").rglob("*.mp4")
+        assert film.parent.parent == folder / "videos"
+    assert [path.name for path in tmp_path.iterdir()] == ["deep"]
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["down"]
+    assert len({Batch(name, 0, 0).folder for name in ("a/b", "a_b", "a b")}) == 3
 
 
 def test_traces_that_are_none(tmp_path: Path, recorded: Path) -> None:

@@ -4,9 +4,10 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
-from report_pages import measure, synthetic
+from report_pages import measure, synthetic, trace_of
 
 from lerobot_lisa.analysis.material import Material
 from lerobot_lisa.analysis.report.build import PAGE, build
@@ -111,3 +112,33 @@ def test_the_same_trace_gives_the_same_bytes(tmp_path: Path) -> None:
     assert len(files) > 20
     for file in files:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+def report_on(told: list[str], folder: Path) -> str:
+    """The page about a few episodes with these instructions, each with a code of its own."""
+    trace = trace_of(told, list(range(len(told))), 10, 4, 2, np.random.default_rng(0))
+    known = TrainingData({told[0]}, None, "Training data: made up.")
+    build(folder, Material(trace, known, permutations=20))
+    return (folder / PAGE).read_text(encoding="utf-8")
+
+
+@pytest.mark.filterwarnings("error")
+def test_instructions_without_words(tmp_path: Path) -> None:
+    page = report_on(["", "!!!", "... ?"], tmp_path)
+    assert "No instruction of this evaluation has a word in it" in page
+    assert not list((tmp_path / "figures").glob("*word*"))
+    assert (tmp_path / "figures" / "language_information.csv").is_file()
+
+
+@pytest.mark.timeout(120)  # it was minutes, and gigabytes
+def test_one_word_of_a_hundred_thousand_letters(tmp_path: Path) -> None:
+    page = report_on(["x" * 100_000, "go", "go on"], tmp_path)
+    assert "x" * 300 not in page
+    assert "x" * 30 in page
+    assert "x" * 100_000 in set(pd.read_csv(tmp_path / "figures" / "skill_words_pmi.csv")["word"])
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_what_matplotlib_takes_for_formulas_is_text(tmp_path: Path) -> None:
+    page = report_on(["buy $\\frac{", "$x^", "null \x00 and _new_ \n lines"] * 2, tmp_path)
+    assert "frac" in page
