@@ -64,3 +64,13 @@ def test_actions(trace: Trace) -> None:
     assert np.isnan(shares[3]).all()
     means = actions_by_code(trace, SIZE, classes=0)
     assert means[2].tolist() == [2.0, -np.mean([0, 1, 2, 3, 0, 1])]
+
+
+def test_codes_are_called_as_the_trace_says(trace: Trace) -> None:
+    """Their names come from the policy; K is how many there are, whatever the configuration calls a codebook."""
+    names = ["0 go", "1 open", "2 red ball", "3 blue ball", "4 red box", "5 blue box"]
+    named = Trace(trace.steps, trace.episodes, {**trace.origin, "codes": names})
+    assert choices(trace).labels == ["0", "1", "2", "3"]
+    assert choices(named).labels == names
+    assert choices(named).counts.shape == (2, 6)
+    assert choices(named).dead == [3, 4, 5]

@@ -12,7 +12,7 @@ from lerobot_lisa.analysis.control import matrix
 from lerobot_lisa.analysis.control.rollout import as_plan, main
 from lerobot_lisa.analysis.control.videos import captioned
 from lerobot_lisa.analysis.recording import traces
-from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load_config, steered
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load, load_config, steered
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.errors import UserError
 
@@ -136,7 +136,8 @@ def test_the_matrix_has_random_actions_beside_the_policys_own_codes() -> None:
     ("options", "said"),
     [
         (["--skill=5"], f"codes 0 to {CODES - 1}"),
-        (["--skill=first"], "give one skill code"),
+        (["--skill=1*2"], "give one skill code"),
+        (["--skill=first"], "first"),
         (["--skill=1", "--plan=1*2"], "exclude each other"),
         (["--plan=1*2;3"], "is no part of a plan"),
         (["--n_videos=-1"], "--n_videos"),
@@ -201,4 +202,4 @@ def test_steering_leaves_the_original_alone(lisa: Path) -> None:
     assert steered(config, "1").policy.skill_plan == "1"
     assert config.policy.skill_plan is None
     with pytest.raises(UserError, match="no skill code 9"):
-        steered(config, "9")
+        load(steered(config, "9"))

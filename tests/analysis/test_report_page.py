@@ -1,6 +1,7 @@
 """The page, small and large, as a real browser sees it, and as its text reads."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -142,3 +143,14 @@ def test_one_word_of_a_hundred_thousand_letters(tmp_path: Path) -> None:
 def test_what_matplotlib_takes_for_formulas_is_text(tmp_path: Path) -> None:
     page = report_on(["buy $\\frac{", "$x^", "null \x00 and _new_ \n lines"] * 2, tmp_path)
     assert "frac" in page
+
+
+def test_codes_that_have_words_are_called_by_them(tmp_path: Path) -> None:
+    trace = synthetic(3, 6, episodes=9)
+    names = {"codes": ["0 red ball", "1 <b>key</b>", "2 door"]}
+    build(tmp_path, Material(replace(trace, origin={**trace.origin, **names}), NOWHERE, permutations=20))
+    page = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert "Skill 0 red ball" in page
+    assert "<b>key</b>" not in page
+    usage = pd.read_csv(tmp_path / "figures" / "code_usage.csv")
+    assert list(usage["skill_code"]) == names["codes"]

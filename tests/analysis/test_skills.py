@@ -14,7 +14,7 @@ from torch.utils.data import default_collate
 from lerobot_lisa.analysis.drawing import styled, write
 from lerobot_lisa.analysis.recording.evaluation import CheckpointConfig, load_config
 from lerobot_lisa.analysis.skills import words
-from lerobot_lisa.analysis.skills.__main__ import SkillUse, load, main, use_skills
+from lerobot_lisa.analysis.skills.__main__ import ask, load, main
 from lerobot_lisa.analysis.skills.words import SkillWords, count_words, normalise, top_words
 from lerobot_lisa.errors import UserError
 
@@ -23,8 +23,8 @@ LABELS = ["0", "1", "2", "3"]
 
 def count(episodes: list[tuple[str, list[int]]]) -> SkillWords:
     """Words by skill of episodes, each an instruction and the codes of its chunks."""
-    use = SkillUse([text for text, _ in episodes], [codes for _, codes in episodes], 0.0, 0.0)
-    return count_words(use.instructions, use.used(len(LABELS)), LABELS)
+    used = np.array([np.isin(range(len(LABELS)), codes) for _, codes in episodes], np.int64).reshape(-1, len(LABELS))
+    return count_words([text for text, _ in episodes], used, LABELS)
 
 
 def test_each_code_of_an_episode_gets_all_words() -> None:
@@ -65,11 +65,12 @@ def test_codes_that_have_words_are_called_by_them(tmp_path: Path) -> None:
 def test_the_codes_are_those_of_a_rollout(lisa: Path, symbolic: Path) -> None:
     dataset = LeRobotDataset("local/tiny", root=symbolic)
     policy, preprocess = load(checkpoint(lisa), dataset)
-    use = use_skills(policy, preprocess, dataset, batch_size=4)
+    trace = ask(policy, preprocess, dataset, batch_size=4)
+    chosen = [list(codes) for _, codes in trace.steps.groupby("episode")["code"]]
 
     lengths = list(dataset.meta.episodes["length"])
-    assert [len(codes) for codes in use.codes] == [-(-length // HORIZON) for length in lengths]
-    assert use.instructions == [tasks[0] for tasks in dataset.meta.episodes["tasks"]]
+    assert [len(codes) for codes in chosen] == [-(-length // HORIZON) for length in lengths]
+    assert list(trace.episodes["instruction"]) == [tasks[0] for tasks in dataset.meta.episodes["tasks"]]
     for episode in (0, 4):
         policy.reset()
         start = dataset.meta.episodes["dataset_from_index"][episode]
@@ -79,7 +80,7 @@ def test_the_codes_are_those_of_a_rollout(lisa: Path, symbolic: Path) -> None:
             observed = {key: batch[key].reshape(1, *ft.shape) for key, ft in policy.config.input_features.items()}
             policy.select_action(preprocess({**observed, "task": batch["task"]}))
             seen.append(policy.skill_codes.item())
-        assert seen[::HORIZON] == use.codes[episode]
+        assert seen[::HORIZON] == chosen[episode]
 
 
 def test_the_figures_are_the_same_each_time(tmp_path: Path) -> None:

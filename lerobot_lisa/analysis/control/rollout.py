@@ -52,7 +52,7 @@ class RolloutConfig(EvaluationConfig):
         super().__post_init__()
         if self.skill is not None and self.plan is not None:
             raise UserError("--skill and --plan exclude each other: a plan of one code is --skill")
-        if self.skill not in (None, ALL) and not (self.skill.isdecimal() and len(self.skill) < 10):
+        if self.skill is not None and set(self.skill) & set("*,?"):
             shown = drawing.clip(self.skill)
             raise UserError(f"--skill={shown}: give one skill code, such as 14, or all; for several use --plan")
         check_number("n_videos", self.n_videos, 0, 1_000_000)

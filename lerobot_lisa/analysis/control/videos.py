@@ -34,7 +34,7 @@ class VideoWriter:
             self._finish(moment, index)
         for index in moment.live:
             if moment.batch.first + index < self._episodes:
-                code = "" if moment.codes is None else f"skill {moment.codes[index]}"
+                code = "" if moment.codes is None else f"skill {moment.labels[moment.codes[index]]}"
                 frame = captioned(render(moment.env, index), f"step {moment.step}  {code}")
                 self._films.setdefault(index, []).append(frame)
 

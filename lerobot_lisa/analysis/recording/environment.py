@@ -35,6 +35,18 @@ class Batch(NamedTuple):
         return f"{plain}{told_apart}_{self.task_id}"
 
 
+class SkillCodes(NamedTuple):
+    """Where to ask for skill codes.
+
+    Attributes:
+        latest: Returns those that the latest actions followed, a tensor (B,), or None.
+        labels: What the K codes are called.
+    """
+
+    latest: Callable[[], Any]
+    labels: Sequence[str]
+
+
 class Moment(NamedTuple):
     """The state of a rollout between two steps.
 
@@ -45,6 +57,7 @@ class Moment(NamedTuple):
         live: Environments whose episode goes on and counts.
         codes: Skill code (B,) that the next step follows; None for a policy without, and when all is over.
         instructions: What the policy was told in each environment.
+        labels: What the K codes are called.
     """
 
     env: Any
@@ -53,6 +66,7 @@ class Moment(NamedTuple):
     live: list[int]
     codes: NDArray[np.int64] | None
     instructions: list[str]
+    labels: Sequence[str] = ()
 
 
 class Watcher(Protocol):
@@ -78,13 +92,13 @@ class RecordingEnv:
     """
 
     def __init__(
-        self, env: Any, codes: Callable[[], Any], batch: Batch, episodes: int, watchers: Sequence[Watcher] = ()
+        self, env: Any, codes: SkillCodes, batch: Batch, episodes: int, watchers: Sequence[Watcher] = ()
     ) -> None:
         """Wrap an environment.
 
         Args:
             env: What LeRobot would evaluate in.
-            codes: Returns the skill codes (B,) that the latest actions followed, a tensor, or None.
+            codes: Where to ask for the policy's skill codes.
             batch: Which episodes it will run.
             episodes: How many environments count, the first ones: LeRobot fills up its last batch.
             watchers: Told about every step.
@@ -121,7 +135,7 @@ class RecordingEnv:
         """Act once, noting what LeRobot knew and did."""
         live, codes = np.flatnonzero(self._live).tolist(), self._current_codes()
         for watcher in self._watchers:
-            watcher.before_step(Moment(self._env, self._batch, self._step, live, codes, self._instructions))
+            watcher.before_step(self._moment(live, codes))
         known = [(hash_observation(self._observation, i), np.array(actions[i], np.float32).ravel()) for i in live]
         result = self._env.step(actions)
         self._observation, _, terminated, truncated, info = result
@@ -137,7 +151,7 @@ class RecordingEnv:
     def end_rollout(self) -> None:
         """Tell the watchers that all episodes have ended."""
         for watcher in self._watchers:
-            watcher.after_rollout(Moment(self._env, self._batch, self._step, [], None, self._instructions))
+            watcher.after_rollout(self._moment([], None))
 
     def trace(self) -> pa.Table:
         """The rollout since the last reset, columns of `STEPS`, episode after episode."""
@@ -147,8 +161,11 @@ class RecordingEnv:
         columns = list(zip(*listed, strict=True)) or [()] * len(STEPS)
         return pa.table([pa.array(column, kind) for column, kind in zip(columns, STEPS.types, strict=True)], STEPS)
 
+    def _moment(self, live: list[int], codes: NDArray[np.int64] | None) -> Moment:
+        return Moment(self._env, self._batch, self._step, live, codes, self._instructions, self._codes.labels)
+
     def _current_codes(self) -> NDArray[np.int64] | None:
-        codes = self._codes()
+        codes = self._codes.latest()
         return None if codes is None else np.asarray(codes.cpu())
 
 

@@ -12,11 +12,10 @@ from lerobot.configs import PreTrainedConfig, parser
 from lerobot.envs.configs import EnvConfig
 
 from lerobot_lisa.analysis.commands import check_number
-from lerobot_lisa.analysis.recording.environment import Batch, RecordingEnv, Watcher
+from lerobot_lisa.analysis.recording.environment import Batch, RecordingEnv, SkillCodes, Watcher
 from lerobot_lisa.analysis.recording.traces import EPISODES, KEY
 from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.networks.skill_plan import read_plan
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 if TYPE_CHECKING:
@@ -104,20 +103,17 @@ def steered[Config: CheckpointConfig](config: Config, plan: str | None) -> Confi
     """The same policy under a plan of skill codes, such as "14" or "14*20,2*20"; None: under its skill predictor.
 
     Raises:
-        UserError: The policy has no skill codes, or not those of the plan.
+        UserError: The policy has no skill codes. Whether it has those of the plan shows when it is loaded.
     """
-    policy = lisa_config(config)
-    if plan is not None:
-        read_plan(plan, policy.codebook_size)
     changed = copy(config)
-    changed.policy = deepcopy(policy)
+    changed.policy = deepcopy(lisa_config(config))
     changed.policy.skill_plan = plan
     return changed
 
 
 def code_labels(policy: Any) -> list[str]:
     """What a policy's K skill codes are called: their words, such as "3 red ball", or numbers; none if it has none."""
-    if policy.config.type != "lisa" or policy.config.continuous_skills:
+    if not isinstance(policy.config, LisaConfig) or policy.config.continuous_skills:
         return []
     size = getattr(policy, "n_codes", policy.config.codebook_size)
     return getattr(policy, "code_labels", None) or [str(code) for code in range(size)]
@@ -164,7 +160,6 @@ def run_batch(
     batch: Batch,
     rollout: int = 0,
     watchers: Sequence[Watcher] = (),
-    **options: Any,
 ) -> tuple[pa.Table, pa.Table]:
     """One batch of episodes of a task, run by LeRobot.
 
@@ -174,7 +169,6 @@ def run_batch(
         batch: Which episodes; at most `config.batch_size`, and none beyond `config.n_episodes`.
         rollout: How many batches `lerobot-eval` would have run before; drawn actions depend on it.
         watchers: Told about every step.
-        options: More for LeRobot's `eval_policy`, such as `max_episodes_rendered` and `videos_dir`.
 
     Returns:
         Tables of its steps and of its episodes, columns of `STEPS` and `EPISODES`.
@@ -185,16 +179,11 @@ def run_batch(
     policy, episodes = evaluation.policy, min(config.batch_size, config.n_episodes - batch.first)
     policy.rollouts = rollout
     env = evaluation.envs[batch.group][batch.task_id]
-    recording = RecordingEnv(env, lambda: getattr(policy, "skill_codes", None), batch, episodes, watchers)
+    codes = SkillCodes(lambda: getattr(policy, "skill_codes", None), code_labels(policy))
+    recording = RecordingEnv(env, codes, batch, episodes, watchers)
     with torch.no_grad(), _autocast(policy.config):
-        outcome = eval_policy(
-            recording,
-            policy,
-            **evaluation.pipelines,
-            n_episodes=episodes,
-            start_seed=config.seed + batch.first,
-            **options,
-        )
+        seed = config.seed + batch.first
+        outcome = eval_policy(recording, policy, **evaluation.pipelines, n_episodes=episodes, start_seed=seed)
     recording.end_rollout()
     steps = recording.trace()
     return steps, _summarise(steps, [episode["success"] for episode in outcome["per_episode"]])

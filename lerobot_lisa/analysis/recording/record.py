@@ -33,7 +33,7 @@ def record(
 ) -> Trace:
     """Evaluate and record, or read what an equal evaluation has recorded before.
 
-    Every batch of episodes is written when it ends, so that a later call with the same facts goes on after it. It
+    Every batch of episodes is written when it ends, so that a later call with the same origin goes on after it. It
     gives the same trace as a call that was never interrupted, and the same successes as `lerobot-eval`.
 
     Args:
@@ -41,23 +41,23 @@ def record(
         folder: For the trace.
         watchers: Told about every step, but not about those of batches that were recorded before.
         evaluation: What `load` returned; None: load it if there is something to do.
-        more: Further facts that tell this evaluation from others, JSON values, such as a fixed skill code.
+        more: What else tells this evaluation from others, JSON values, such as a fixed skill code.
 
     Raises:
         UserError: The folder belongs to another evaluation or is in use, or the evaluation cannot work.
     """
-    facts = describe(config, **more)
-    _check(folder, _text(facts))
+    origin = describe(config, **more)
+    _check(folder, _text(origin))
     if evaluation is None and not (folder / STEPS_FILE).is_file():
         evaluation = load(config)  # before the folder is claimed: a mistake leaves nothing in it
-    with _claimed(folder, _text(facts)):
+    with _claimed(folder, _text(origin)):
         if not (folder / STEPS_FILE).is_file():
-            _record_batches(config, folder, watchers, evaluation or load(config), facts)
+            _record_batches(config, folder, watchers, evaluation or load(config), origin)
         return traces.read(folder)
 
 
 def describe(config: EvaluationConfig, **more: Any) -> dict[str, Any]:
-    """The facts of an evaluation, JSON values: the same facts give the same trace."""
+    """How an evaluation comes about, JSON values: the same origin gives the same trace."""
     from importlib.metadata import version
 
     assert config.policy is not None  # refused by EvaluationConfig
@@ -75,7 +75,7 @@ def describe(config: EvaluationConfig, **more: Any) -> dict[str, Any]:
 
 
 def _record_batches(
-    config: EvaluationConfig, folder: Path, watchers: Sequence[Watcher], evaluation: Evaluation, facts: dict[str, Any]
+    config: EvaluationConfig, folder: Path, watchers: Sequence[Watcher], evaluation: Evaluation, origin: dict[str, Any]
 ) -> None:
     parts = folder / _PARTS
     parts.mkdir(exist_ok=True)
@@ -87,13 +87,13 @@ def _record_batches(
         if files[STEPS_FILE][number].is_file():
             continue
         steps, episodes = run_batch(config, evaluation, batch, number, watchers)
-        traces.write(episodes, files[EPISODES_FILE][number], facts)
-        traces.write(steps, files[STEPS_FILE][number], facts)  # last: it says that the batch is done
+        traces.write(episodes, files[EPISODES_FILE][number], origin)
+        traces.write(steps, files[STEPS_FILE][number], origin)  # last: it says that the batch is done
         if batch.first + config.batch_size >= config.n_episodes:
             evaluation.envs[batch.group][batch.task_id].close()
     for name, schema in _SCHEMAS.items():  # the steps come last: they say that the evaluation is done
         tables = [traces.read_table(part, schema)[0] for part in files[name]]
-        traces.write(traces.concatenate(tables, schema), folder / name, {**facts, "codes": codes})
+        traces.write(traces.concatenate(tables, schema), folder / name, {**origin, "codes": codes})
     shutil.rmtree(parts)
 
 
@@ -103,28 +103,28 @@ def _batches(config: EvaluationConfig, evaluation: Evaluation) -> list[Batch]:
     return [Batch(*task, first) for task in tasks for first in range(0, config.n_episodes, config.batch_size)]
 
 
-def _text(facts: Mapping[str, Any]) -> str:
-    return json.dumps(facts, indent=2, sort_keys=True) + "\n"
+def _text(origin: Mapping[str, Any]) -> str:
+    return json.dumps(origin, indent=2, sort_keys=True) + "\n"
 
 
-def _check(folder: Path, facts: str) -> None:
+def _check(folder: Path, origin: str) -> None:
     """Refuse a folder that belongs to something else."""
     note = folder / NOTE
     if folder.exists() and not note.is_file() and any(path.name != _LOCK for path in folder.iterdir()):
         raise UserError(f"{folder} is in the way and was not made by this program: choose another --output_dir")
-    if note.is_file() and note.read_text(encoding="utf-8") != facts:
-        differing = _differences(json.loads(note.read_text(encoding="utf-8")), json.loads(facts))
+    if note.is_file() and note.read_text(encoding="utf-8") != origin:
+        differing = _differences(json.loads(note.read_text(encoding="utf-8")), json.loads(origin))
         raise UserError(f"{folder} holds another evaluation ({differing}): choose another --output_dir")
 
 
 @contextmanager
-def _claimed(folder: Path, facts: str) -> Iterator[None]:
+def _claimed(folder: Path, origin: str) -> Iterator[None]:
     """Keep a folder for one evaluation, and for one process at a time."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / _LOCK, timeout=0):
-            _check(folder, facts)
-            _write(folder / NOTE, facts)
+            _check(folder, origin)
+            _write(folder / NOTE, origin)
             try:
                 yield
             except UserError:

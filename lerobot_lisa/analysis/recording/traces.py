@@ -47,7 +47,7 @@ STEPS_FILE, EPISODES_FILE = "steps.parquet", "episodes.parquet"
 KEY = ["group", "task_id", "episode"]
 """What names an episode."""
 
-_FACTS = b"lerobot_lisa"
+_ORIGIN = b"lerobot_lisa"
 _CODE = {pa.int32(): pd.Int32Dtype()}  # only `code` may be null; the other integers go back below
 
 
@@ -81,10 +81,10 @@ class Trace:
         return self.origin["env"].get("type")
 
 
-def write(table: pa.Table, path: Path, facts: Mapping[str, Any]) -> None:
-    """Write a table aside and move it into place; the facts go into the file's metadata."""
+def write(table: pa.Table, path: Path, origin: Mapping[str, Any]) -> None:
+    """Write a table aside and move it into place; its origin goes into the file's metadata."""
     aside = path.with_name(path.name + ".partial")
-    pq.write_table(table.replace_schema_metadata({_FACTS: json.dumps(dict(facts))}), aside, compression="zstd")
+    pq.write_table(table.replace_schema_metadata({_ORIGIN: json.dumps(dict(origin))}), aside, compression="zstd")
     aside.replace(path)
 
 
@@ -94,23 +94,23 @@ def read(folder: Path) -> Trace:
     Raises:
         UserError: There is none, it cannot be read, or it holds no step.
     """
-    steps, facts = read_table(folder / STEPS_FILE, STEPS)
+    steps, origin = read_table(folder / STEPS_FILE, STEPS)
     episodes, _ = read_table(folder / EPISODES_FILE, EPISODES)
     if not steps.num_rows or not episodes.num_rows:
         raise UserError(f"{folder}: an empty trace, without a single step: record at least one episode")
-    return Trace(_frame(steps), _frame(episodes), facts)
+    return Trace(_frame(steps), _frame(episodes), origin)
 
 
 def read_table(path: Path, schema: pa.Schema) -> tuple[pa.Table, dict[str, Any]]:
-    """A table that `write` wrote, and its facts.
+    """A table that `write` wrote, and its origin.
 
     Raises:
         UserError: The file is missing or another.
     """
     try:
         table = pq.read_table(path)
-        facts = json.loads((table.schema.metadata or {})[_FACTS])
-        return table.select(schema.names).cast(schema), facts
+        origin = json.loads((table.schema.metadata or {})[_ORIGIN])
+        return table.select(schema.names).cast(schema), origin
     except FileNotFoundError as error:
         raise UserError(f"{path}: no trace there: record one with lisa-report") from error
     except (OSError, KeyError, ValueError, pa.ArrowException) as error:

@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from lerobot_lisa.analysis.commands import run_command
 from lerobot_lisa.analysis.drawing import styled, write
 from lerobot_lisa.analysis.recording.evaluation import CheckpointConfig, code_labels, lisa_config
+from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.skills import words
+from lerobot_lisa.analysis.skills.choices import Choices, choices
 from lerobot_lisa.analysis.skills.words import SkillWords, count_words, top_words
 from lerobot_lisa.analysis.training_data import DatasetOptions, check_dataset
 from lerobot_lisa.errors import UserError
@@ -47,30 +50,6 @@ class SkillsConfig(CheckpointConfig):
         lisa_config(self)
 
 
-@dataclass(frozen=True)
-class SkillUse:
-    """What a policy's codebook did over whole episodes.
-
-    Attributes:
-        instructions: One for each of E episodes.
-        codes: Skill codes of each episode's chunks, in order.
-        perplexity: How many codes are in effective use, over all chunks.
-        mutual_information: Between instructions and codes, in bits, as the paper's listing defines it.
-    """
-
-    instructions: list[str]
-    codes: list[list[int]]
-    perplexity: float
-    mutual_information: float
-
-    def used(self, size: int) -> words.Counts:
-        """Whether each episode used each of K codes, (E, K)."""
-        used = np.zeros((len(self.codes), size), np.int64)
-        for row, codes in zip(used, self.codes, strict=True):
-            row[codes] = 1
-        return used
-
-
 def main() -> int:
     """Command line; returns the exit code."""
     return run_command(run)
@@ -86,15 +65,11 @@ def run(config: SkillsConfig) -> None:
 
     root = Path(str(config.dataset.root))
     dataset = LeRobotDataset(config.dataset.repo_id or root.name, root=root)
-    policy, preprocess = load(config, dataset)
-    use = use_skills(policy, preprocess, dataset)
-    labels = code_labels(policy)
-    found = count_words(use.instructions, use.used(len(labels)), labels)
-    print(*said(found, use), sep="\n")
+    made, found = count(ask(*load(config, dataset), dataset))
+    print(*said(made, found), sep="\n")
     config.output_dir.mkdir(parents=True, exist_ok=True)
-    sample = f"{root.name}, {len(use.codes):,} episodes, {sum(map(len, use.codes)):,} skill codes"
     with styled():
-        for plot in words.plots(found, sample):
+        for plot in words.plots(found, f"{root.name}, {made.episodes:,} episodes, {len(made.table):,} skill codes"):
             write(plot, config.output_dir)
             print(config.output_dir / f"{plot.name}.png")
 
@@ -118,19 +93,19 @@ def load(config: CheckpointConfig, dataset: "LeRobotDataset") -> tuple["LisaPoli
     return policy, preprocess
 
 
-def use_skills(policy: "LisaPolicy", preprocess: Any, dataset: "LeRobotDataset", batch_size: int = 64) -> SkillUse:
-    """Ask the skill predictor about every episode of a dataset, in evaluation mode, as training does."""
+def ask(policy: "LisaPolicy", preprocess: Any, dataset: "LeRobotDataset", batch_size: int = 64) -> Trace:
+    """The codes that the skill predictor chooses in every episode of a dataset, in evaluation mode, as training does.
+
+    Returns:
+        A trace of the steps at which it is asked: 0, H, 2H, ...
+    """
     import torch
     from torch.utils.data import DataLoader, Subset
     from tqdm import tqdm
 
-    from lerobot_lisa.networks.codebook import mutual_information, perplexity
-    from lerobot_lisa.networks.packing import Packing
-
     quantized = []
     hook = policy.network.codebook.register_forward_hook(lambda _module, _inputs, skills: quantized.append(skills))
-    starts, ends = (list(dataset.meta.episodes[f"dataset_{end}_index"]) for end in ("from", "to"))
-    instructions: list[str] = []
+    starts, instructions = list(dataset.meta.episodes["dataset_from_index"]), []
     policy.eval()
     with torch.no_grad():
         loader = DataLoader(Subset(dataset, starts), batch_size)
@@ -138,27 +113,32 @@ def use_skills(policy: "LisaPolicy", preprocess: Any, dataset: "LeRobotDataset",
             instructions += batch["task"]
             policy.forward(preprocess(batch))
     hook.remove()
-    chunks = Packing(torch.tensor(ends) - torch.tensor(starts)).count_chunks(policy.config.horizon).lengths.tolist()
-    codes = torch.cat([skills.codes for skills in quantized]).cpu()
-    return SkillUse(
-        instructions,
-        [part.tolist() for part in codes.split(chunks)],
-        perplexity(codes, len(code_labels(policy))).item(),
-        mutual_information(torch.cat([skills.distances for skills in quantized])).item(),
+    horizon, lengths = policy.config.horizon, np.array(dataset.meta.episodes["length"])
+    episodes = pd.DataFrame(
+        {"group": "dataset", "task_id": 0, "episode": range(len(starts)), "instruction": instructions}
     )
+    steps = episodes.loc[episodes.index.repeat(-(-lengths // horizon))]
+    steps["step"] = horizon * steps.groupby("episode").cumcount()
+    steps["code"] = torch.cat([skills.codes for skills in quantized]).cpu().numpy()
+    return Trace(steps, episodes, {"policy": {"horizon": horizon}, "codes": code_labels(policy)})
 
 
-def said(found: SkillWords, use: SkillUse) -> list[str]:
+def count(trace: Trace) -> tuple[Choices, SkillWords]:
+    """The choices of a trace, and words by skill."""
+    made = choices(trace)
+    return made, count_words(trace.episodes["instruction"].tolist(), made.used, made.labels)
+
+
+def said(made: Choices, found: SkillWords) -> list[str]:
     """The words that are more frequent with each skill than usual, and how many skills there are."""
-    episodes = use.used(len(found.labels)).sum(0)
+    episodes = made.used.sum(0)
     lines = [
         f"skill {label:>2}  {episodes[code]:6d} episodes  "
         + ", ".join(f"{word} x{times:.1f}" for word, times in listed)
         for code, (label, listed) in enumerate(zip(found.labels, top_words(found), strict=True))
         if episodes[code]
     ]
-    many = f"{len(lines)} of {len(found.labels)} codes used, perplexity {use.perplexity:.1f}"
-    return [*lines, f"{many}, mutual information {use.mutual_information:.2f} bits"]
+    return [*lines, f"{len(lines)} of {made.size} codes used, perplexity {made.perplexity:.1f}"]
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import torch
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -23,7 +22,7 @@ from lerobot_lisa.analysis.drawing import (
     new_figure,
 )  # fmt: skip
 from lerobot_lisa.analysis.recording.traces import KEY, Trace
-from lerobot_lisa.networks import codebook
+from lerobot_lisa.analysis.skills.information import entropy
 
 Counts = NDArray[np.int64]
 Numbers = NDArray[np.float64]
@@ -70,7 +69,7 @@ class Choices:
     @property
     def perplexity(self) -> float:
         """How many codes are in effective use, over all choices."""
-        return codebook.perplexity(torch.tensor(self.table["code"].to_numpy()), self.size).item()
+        return float(2 ** entropy(self.counts.sum(0).astype(np.float64)))
 
     @property
     def dead(self) -> list[int]:
