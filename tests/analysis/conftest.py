@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import tiny_checkpoints
+import tiny_datasets
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +23,14 @@ def continuous_skills(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) 
 def lang_dt(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a Lang-DT checkpoint for BabyAI's features."""
     return tiny_checkpoints.lang_dt(symbolic, tmp_path_factory.mktemp("lang_dt"))
+
+
+@pytest.fixture(scope="session")
+def tabletop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a LISA checkpoint for LOReL's states."""
+    features = {
+        "observation.state": {"dtype": "float32", "shape": (15,), "names": None},
+        "action": {"dtype": "float32", "shape": (5,), "names": None},
+    }
+    folder = tmp_path_factory.mktemp("tabletop")
+    return tiny_checkpoints.lisa(tiny_datasets.write(folder / "data", features), folder / "lisa")

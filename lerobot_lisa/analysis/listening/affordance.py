@@ -8,8 +8,8 @@ from functools import partial
 
 import pandas as pd
 
-from lerobot_lisa.analysis.diagnostics.meanings import instructions_about
-from lerobot_lisa.analysis.diagnostics.worlds import side_by_side
+from lerobot_lisa.analysis.listening.meanings import instructions_about
+from lerobot_lisa.analysis.listening.two_goals import side_by_side
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, lisa_config, load
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import Trace

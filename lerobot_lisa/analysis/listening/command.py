@@ -1,25 +1,30 @@
 """`lisa-diagnose`: does a policy do what it is told, and do words choose its skill codes?
 
+lisa-diagnose heard --policy.path=... --env.type=babyai --env.task=GoToSeq        # how much of its success is listening
 lisa-diagnose swap --policy.path=... --env.type=babyai --env.task=GoToSeq         # same start, other instruction
 lisa-diagnose affordance --policy.path=... --env.type=lorel --env.task="close drawer"  # the paper's test
 lisa-diagnose rephrase --policy.path=... --env.type=lorel                         # by kind of wording
 """
 
+import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
-from lerobot.configs import parser
-from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_lisa.analysis.diagnostics import affordance, rephrase, swap
+from lerobot_lisa.analysis.commands import run_command
+from lerobot_lisa.analysis.drawing import styled, write
+from lerobot_lisa.analysis.listening import affordance, heard, rephrase, swap
+from lerobot_lisa.analysis.listening.heard_figure import heard_plot
+from lerobot_lisa.analysis.listening.other_words import OTHER, TOLD
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
-from lerobot_lisa.errors import exit_code
+from lerobot_lisa.errors import UserError
 
 
-@dataclass
+@dataclass(kw_only=True)
 class DiagnosisConfig(EvaluationConfig):
     """What to run; options are those of `lerobot-eval`."""
 
@@ -30,6 +35,23 @@ class DiagnosisConfig(EvaluationConfig):
     """For the numbers as CSV, and the traces; what an equal earlier run has done is used."""
 
 
+@dataclass(kw_only=True)
+class HeardConfig(DiagnosisConfig):
+    """What to run, and what to tell."""
+
+    n_episodes: int = 100
+    """Episodes of each task."""
+
+    told: str = OTHER
+    """What episodes are told in place of their own instruction: "other", another one, or "nothing", always one word."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        super().__post_init__()
+        if self.told not in TOLD:
+            raise UserError(f"--told={self.told}: choose one of: {', '.join(TOLD)}")
+
+
 def main() -> int:
     """Command line; returns the exit code."""
     program, *arguments = sys.argv
@@ -37,9 +59,22 @@ def main() -> int:
         print(__doc__, file=sys.stderr if arguments != ["--help"] else sys.stdout)
         return 0 if arguments == ["--help"] else 2
     sys.argv = [f"{program} {arguments[0]}", *arguments[1:]]  # which LeRobot's parser reads
-    register_third_party_plugins()
-    diagnose = parser.wrap()(_DIAGNOSES[arguments[0]])
-    return exit_code(diagnose, interrupted="interrupted; run the same command again to go on")
+    return run_command(_DIAGNOSES[arguments[0]])
+
+
+def diagnose_heard(config: HeardConfig) -> None:
+    """Tell every episode its own and another instruction; success is its own goal both times."""
+    runs = heard.measure(config, config.output_dir / "heard", config.told)
+    seeds = f"seeds {config.seed} to {config.seed + config.n_episodes - 1}"
+    with styled():
+        write(heard_plot(runs, f"{len(runs.pairs):,} episodes, {seeds}"), config.output_dir)
+    _write_json(heard.as_json(runs), config.output_dir / "heard.json")
+    print(*heard.lines(runs), heard.READING, config.output_dir / "heard.json", sep="\n")
+    if runs.otherwise is None:
+        raise UserError(
+            f"--env.task={getattr(config.env, 'task', None)}: every episode is told the same, there is nothing else to "
+            "tell: heard cannot be measured"
+        )
 
 
 def diagnose_swap(config: DiagnosisConfig) -> None:
@@ -61,6 +96,13 @@ def diagnose_rephrase(config: DiagnosisConfig) -> None:
     _report(config, "rephrase", rephrase.table(trace), rephrase.lines(trace), rephrase.READING)
 
 
+def _write_json(content: Mapping[str, Any], path: Path) -> None:
+    """Write aside and move into place."""
+    aside = path.with_name(path.name + ".partial")
+    aside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    aside.replace(path)
+
+
 def _report(config: DiagnosisConfig, name: str, rows: pd.DataFrame, lines: Iterable[str], reading: str) -> None:
     config.output_dir.mkdir(parents=True, exist_ok=True)
     path = config.output_dir / f"{name}.csv"
@@ -68,7 +110,12 @@ def _report(config: DiagnosisConfig, name: str, rows: pd.DataFrame, lines: Itera
     print(*lines, reading, path, sep="\n")
 
 
-_DIAGNOSES = {"swap": diagnose_swap, "affordance": diagnose_affordance, "rephrase": diagnose_rephrase}
+_DIAGNOSES: dict[str, Callable[[Any], None]] = {
+    "heard": diagnose_heard,
+    "swap": diagnose_swap,
+    "affordance": diagnose_affordance,
+    "rephrase": diagnose_rephrase,
+}
 
 
 if __name__ == "__main__":

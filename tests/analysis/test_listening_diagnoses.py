@@ -1,19 +1,17 @@
-"""Diagnoses: worlds with two goals, the paper's affordance test, other wordings, and the command line."""
+"""Diagnoses beside heard: worlds with two goals, the paper's affordance test, other wordings, and the command line."""
 
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-import tiny_checkpoints
-import tiny_datasets
 
-from lerobot_lisa.analysis.diagnostics import affordance, rephrase, swap
-from lerobot_lisa.analysis.diagnostics.command import main
-from lerobot_lisa.analysis.diagnostics.meanings import MEANINGS, OTHER_OBJECT, OTHER_VERB, SAME, instructions_about
-from lerobot_lisa.analysis.diagnostics.swap import Arm
-from lerobot_lisa.analysis.diagnostics.swapped_babyai import SwappedBabyAI
-from lerobot_lisa.analysis.diagnostics.worlds import GOALS
+from lerobot_lisa.analysis.listening import affordance, reactions, rephrase, swap
+from lerobot_lisa.analysis.listening.command import main
+from lerobot_lisa.analysis.listening.meanings import MEANINGS, OTHER_OBJECT, OTHER_VERB, SAME, instructions_about
+from lerobot_lisa.analysis.listening.swap import Arm
+from lerobot_lisa.analysis.listening.swapped_babyai import SwappedBabyAI
+from lerobot_lisa.analysis.listening.two_goals import GOALS
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.envs.babyai.env import BabyAIEnv
 from lerobot_lisa.envs.lorel.suites import KINDS, SUITES
@@ -72,7 +70,7 @@ def test_the_goal_that_is_not_told_is_noticed_as_well() -> None:
 
 
 def test_lorel_starts_where_both_tasks_can_be_done() -> None:
-    from lerobot_lisa.analysis.diagnostics.swapped_lorel import SwappedLorel
+    from lerobot_lisa.analysis.listening.swapped_lorel import SwappedLorel
 
     tasks = {task.instruction: task for task in SUITES["seen"]}
     close, others = tasks["close drawer"], [tasks["turn faucet left"], tasks["move white mug down"]]
@@ -120,11 +118,11 @@ def test_the_common_way_ends_with_the_first_difference() -> None:
 
     way = run([1, 2, 3, 4], [0, 0, 1, 0])
 
-    assert swap.common_steps(way, way) == 4
-    assert swap.common_steps(way, run([1, 2, 3], [0, 0, 1])) == 3
-    assert swap.common_steps(way, run([1, 2, 3, 4], [0, 5, 1, 0])) == 1
-    assert swap.common_steps(way, run([1, 2, 9, 4], [0, 0, 1, 0])) == 2
-    assert swap.common_steps(way, run([9, 2, 3, 4], [0, 0, 1, 0])) == 0
+    assert reactions.common_steps(way, way) == 4
+    assert reactions.common_steps(way, run([1, 2, 3], [0, 0, 1])) == 3
+    assert reactions.common_steps(way, run([1, 2, 3, 4], [0, 5, 1, 0])) == 1
+    assert reactions.common_steps(way, run([1, 2, 9, 4], [0, 0, 1, 0])) == 2
+    assert reactions.common_steps(way, run([9, 2, 3, 4], [0, 0, 1, 0])) == 0
 
 
 def test_real_actions_are_measured_in_their_spread() -> None:
@@ -185,17 +183,6 @@ def test_affordance_on_known_answers() -> None:
 
 
 # The commands, on tiny policies in the real environments.
-
-
-@pytest.fixture(scope="module")
-def tabletop(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a LISA checkpoint for LOReL's states."""
-    features = {
-        "observation.state": {"dtype": "float32", "shape": (15,), "names": None},
-        "action": {"dtype": "float32", "shape": (5,), "names": None},
-    }
-    folder = tmp_path_factory.mktemp("tabletop")
-    return tiny_checkpoints.lisa(tiny_datasets.write(folder / "data", features), folder / "lisa")
 
 
 def diagnose(monkeypatch: pytest.MonkeyPatch, name: str, policy: Path, output: Path, *options: str) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lerobot_lisa.analysis.diagnostics.worlds import GOALS
+from lerobot_lisa.analysis.listening.two_goals import GOALS
 from lerobot_lisa.envs.lorel.env import LorelEnv, Observation
 from lerobot_lisa.envs.lorel.tasks import Bounds, Task
 

@@ -1,1 +1,0 @@
-"""Whether a policy does what it is told: swapped instructions, affordances, other wordings."""
