@@ -1,4 +1,4 @@
-"""The main job on a small level, offline and in minutes: demonstrations, training, success rate, what skills mean.
+"""The main job on a small level, offline: demonstrations, training, success, how much of it is listening, skills.
 
 python -m lerobot_lisa.quickstart --dir quickstart
 
@@ -12,10 +12,11 @@ import shlex
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from os import environ
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -45,7 +46,9 @@ class Step:
 
 def plan(folder: Path, seed: int, recipe: Path) -> list[Step]:
     """The commands that make everything in `folder`, in order."""
-    data, run, evaluation, skills = (folder / name for name in ("data", "lisa", "eval", "skill_words"))
+    data, run, evaluation, heard, skills = (
+        folder / name for name in ("data", "lisa", "eval", "listening", "skill_words")
+    )
     steps = yaml.safe_load(recipe.read_text(encoding="utf-8"))["steps"]
     policy = run / "checkpoints" / f"{steps:06d}" / "pretrained_model"
     generate = ["python", "-m", "dataset_converters.babyai", "generate", f"--level={LEVEL}"]
@@ -54,6 +57,8 @@ def plan(folder: Path, seed: int, recipe: Path) -> list[Step]:
     evaluate += [f"--env.task={LEVEL}", f"--eval.n_episodes={EVALUATION_EPISODES}", "--eval.batch_size=50"]
     evaluate += ["--eval.use_async_envs=false", "--seed=1000", f"--output_dir={evaluation}"]
     rates = ["python", "-m", "lerobot_lisa.analysis.success", str(evaluation / "eval_info.json")]
+    listen = ["lisa-diagnose", "heard", f"--policy.path={policy}", "--policy.device=cpu", "--env.type=babyai"]
+    listen += [f"--env.task={LEVEL}", f"--n_episodes={EVALUATION_EPISODES}", "--batch_size=50", "--seed=1000"]
     words = ["python", "-m", "lerobot_lisa.analysis.skills", f"--policy.path={policy}", "--policy.device=cpu"]
     words += [f"--dataset.root={data}", f"--output_dir={skills}"]
     return [
@@ -61,6 +66,7 @@ def plan(folder: Path, seed: int, recipe: Path) -> list[Step]:
         Step("train", _train(run, data, seed, recipe), policy.with_name("training_state") / "scheduler_state.json"),
         Step("evaluate", evaluate, evaluation / "eval_info.json"),
         Step("success", [*rates, f"--json={folder / 'success.json'}"], folder / "success.json"),
+        Step("listening", [*listen, f"--output_dir={heard}"], heard / "heard.json"),
         Step("skill_words", words, skills / "skill_words_pmi.csv"),
     ]
 
@@ -131,12 +137,29 @@ def quickstart(folder: Path, seed: int) -> None:
             print(f"\n{step.name}: finished before ({step.result})")
         else:
             run(step, folder / "logs")
-    overall = json.loads((folder / "success.json").read_text(encoding="utf-8"))["rates"]["overall"]
-    print(
-        f"\nSuccess rate on {LEVEL}: {overall['percent']:.1f} % (95 % interval {overall['low']:.1f} to "
-        f"{overall['high']:.1f} %, n = {overall['episodes']})\n"
-        f"Words of each skill: {folder / 'skill_words' / 'skill_words_by_skill.png'}"
+    print(*closing(folder), sep="\n")
+
+
+def closing(folder: Path) -> Iterator[str]:
+    """What came out, in a few lines."""
+    overall = _read(folder / "success.json")
+    interval = f"95 % interval {overall['low']:.1f} to {overall['high']:.1f} %, n = {overall['episodes']}"
+    yield f"\nSuccess rate on {LEVEL}: {overall['percent']:.1f} % ({interval})"
+    listening = _read(folder / "listening" / "heard.json")
+    heard, twice, spl = listening["heard"], listening["budgets"]["2"], listening["spl"]
+    yield (
+        f"Within twice the bot's steps: {twice['success']['percent']:.1f} %, and "
+        f"{twice['told_otherwise']['percent']:.1f} % when told something else; SPL {spl['value']:.2f}"
     )
+    yield (
+        f"Heard, what success loses when something else is told: {heard['points']:.1f} points "
+        f"(95 % interval {heard['low']:.1f} to {heard['high']:.1f})"
+    )
+    yield f"Words of each skill: {folder / 'skill_words' / 'skill_words_by_skill.png'}"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8"))["rates"]["overall"]
 
 
 def _claim(folder: Path, seed: int) -> None:

@@ -70,14 +70,20 @@ def test_finished_steps_are_skipped(
     first.write_text("before")
     folder.mkdir()
     overall = {"percent": 81.25, "low": 70.0, "high": 90.0, "episodes": 16}
-    (folder / "success.json").write_text(json.dumps({"rates": {"overall": overall}}))
+    rates = {"success": {"percent": 75.0}, "told_otherwise": {"percent": 12.5}}
+    heard = {"heard": {"points": 50.0, "low": 25.5, "high": 70.25}, "spl": {"value": 0.666}, "budgets": {"2": rates}}
+    for path, numbers in (("success.json", overall), ("listening/heard.json", heard)):
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_text(json.dumps({"rates": {"overall": numbers}}))
 
     assert main(["--dir", str(folder)]) == 0
 
     assert (first.read_text(), second.read_text()) == ("before", "x")
-    closing = capsys.readouterr().out.splitlines()[-2:]
+    closing = capsys.readouterr().out.splitlines()[-4:]
     assert closing[0] == "Success rate on GoToLocal: 81.2 % (95 % interval 70.0 to 90.0 %, n = 16)"
-    assert closing[1].endswith("skill_words_by_skill.png")
+    assert closing[1] == "Within twice the bot's steps: 75.0 %, and 12.5 % when told something else; SPL 0.67"
+    assert closing[2].endswith("something else is told: 50.0 points (95 % interval 25.5 to 70.2)")
+    assert closing[3].endswith("skill_words_by_skill.png")
 
 
 def test_another_seed_needs_another_folder(

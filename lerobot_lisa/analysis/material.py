@@ -1,9 +1,11 @@
 """What reports are made from, and what each question's module hands back: the two values of a report's whole trip."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
+
+import pandas as pd
 
 from lerobot_lisa.analysis.drawing import Plot, clip
 from lerobot_lisa.analysis.recording.frames import Example
@@ -69,7 +71,7 @@ class Answer:
         introduction: A sentence or two below it.
         plots: Its figures, drawn as they are asked for, so that a hundred are never in memory together.
         headings: One for each figure where figures have headings of their own, else empty.
-        as_text: Whether the figures' numbers also stand in the page.
+        as_text: Writes the figures' numbers as they also stand in the page; None: they are in the CSV only.
         numbers: For the top of the page: name, number, what it means.
     """
 
@@ -78,5 +80,5 @@ class Answer:
     introduction: str
     plots: Iterable[Plot] = ()
     headings: Sequence[Heading] = ()
-    as_text: bool = False
+    as_text: Callable[[pd.DataFrame], pd.DataFrame] | None = None
     numbers: Sequence[tuple[str, str, str]] = field(default_factory=tuple)

@@ -34,7 +34,7 @@ def made(lisa: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_report_is_a_page_figures_and_a_trace(made: Path) -> None:
-    assert {path.name for path in made.iterdir()} == {"report.html", "figures", "trace"}
+    assert {path.name for path in made.iterdir()} == {"report.html", "figures", "trace", "listening"}
     assert {STEPS_FILE, EPISODES_FILE, "frames.parquet"} <= {path.name for path in (made / "trace").iterdir()}
     page = (made / "report.html").read_text(encoding="utf-8")
     assert "<h1>LISA on BabyAI GoToLocal</h1>" in page
@@ -51,6 +51,22 @@ def test_the_numbers_are_those_of_the_trace(made: Path) -> None:
     episodes = pd.read_parquet(made / "trace" / EPISODES_FILE)
     overall = pd.read_csv(made / "figures" / "success_overall.csv").iloc[0]
     assert (overall["successes"], overall["episodes"]) == (episodes["success"].sum(), 3)
+
+
+def test_success_stands_beside_how_much_of_it_is_listening(made: Path) -> None:
+    numbers = pd.read_csv(made / "figures" / "heard.csv").set_index("number")
+    overall = pd.read_csv(made / "figures" / "success_overall.csv").iloc[0]
+    assert numbers.loc["success", "value"] == pytest.approx(overall["percent"], rel=1e-4)
+    assert {"heard", "SPL", "success within 1 x", "heard within 4 x"} <= set(numbers.index)
+    page = (made / "report.html").read_text(encoding="utf-8")
+    assert "<dt>Heard</dt>" in page
+    assert "<dt>SPL</dt>" in page
+
+
+def test_listening_need_not_be_asked(lisa: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(monkeypatch, lisa, tmp_path / "out", "--listening=false") == 0
+    assert not (tmp_path / "out" / "listening").exists()
+    assert "<dt>Heard</dt>" not in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_frames_show_chunks_that_followed_the_code(made: Path) -> None:

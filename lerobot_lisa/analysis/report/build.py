@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from lerobot_lisa.analysis.listening import heard_figure as listening
+from lerobot_lisa.analysis.listening.heard import Runs
 from lerobot_lisa.analysis.material import Material
 from lerobot_lisa.analysis.report.page import FIGURES, draw, render
 from lerobot_lisa.analysis.skills import answers as skills
@@ -13,8 +15,13 @@ _POLICIES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
 _WORLDS = {"babyai": "BabyAI", "lorel": "LOReL"}
 
 
-def build(folder: Path, material: Material) -> list[tuple[str, str, str]]:
+def build(folder: Path, material: Material, runs: Runs | None = None) -> list[tuple[str, str, str]]:
     """Write `report.html` and `figures/` into a folder.
+
+    Args:
+        folder: Exists.
+        material: The evaluation.
+        runs: The same episodes told otherwise; None: whether it listens was not asked.
 
     Returns:
         The numbers at the top of the page: name, number, what it means.
@@ -22,7 +29,8 @@ def build(folder: Path, material: Material) -> list[tuple[str, str, str]]:
     Raises:
         UserError: A library is missing.
     """
-    sections = draw([success.answer(material), *skills.answers(material)], folder / FIGURES)
+    listens = [] if runs is None else [listening.answer(runs, material.sample)]
+    sections = draw([success.answer(material), *listens, *skills.answers(material)], folder / FIGURES)
     numbers = [number for section in sections for number in section.answer.numbers]
     page = render(
         sections, title=_title(material), subtitle=_subtitle(material), key_numbers=numbers, origin=_origin(material)

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 
 from lerobot_lisa.analysis import training_data
 from lerobot_lisa.analysis.commands import check_number, run_command
+from lerobot_lisa.analysis.listening import heard
 from lerobot_lisa.analysis.material import PERMUTATIONS, Material
 from lerobot_lisa.analysis.recording import frames
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
@@ -23,7 +24,7 @@ from lerobot_lisa.analysis.skills.sheets import check_font
 from lerobot_lisa.analysis.training_data import DatasetOptions
 from lerobot_lisa.errors import UserError
 
-TRACE = "trace"
+TRACE, LISTENING = "trace", "listening"
 
 
 @dataclass(kw_only=True)
@@ -33,6 +34,11 @@ class ReportConfig(EvaluationConfig):
     dataset: DatasetOptions = field(default_factory=DatasetOptions)
     """The training data, if they are no longer where the checkpoint's `train_config.json` says: they tell which
     instructions were seen.
+    """
+
+    listening: bool = True
+    """Whether to run every episode a second time, told another instruction, to see how much of the success is
+    listening; `lisa-diagnose heard` asks the same.
     """
 
     examples: int = 2
@@ -67,9 +73,10 @@ def report(config: ReportConfig) -> None:
     data = training_data.find(config.checkpoint, config.dataset.root, config.revision)
     _check_folder(config.output_dir)
     trace = _record(config)
+    runs = heard.measure(config, config.output_dir / LISTENING, own=trace) if config.listening else None
     with TemporaryDirectory(dir=config.output_dir, prefix=".building_") as folder:
         examples = frames.read(config.output_dir / TRACE, config.examples)
-        numbers = build(Path(folder), Material(trace, data, examples, config.permutations, config.font))
+        numbers = build(Path(folder), Material(trace, data, examples, config.permutations, config.font), runs)
         _move_in_place(Path(folder), config.output_dir)
     for name, number, meaning in numbers:
         print(f"{name}: {number} ({meaning})")

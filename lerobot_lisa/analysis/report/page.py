@@ -60,7 +60,7 @@ def _pictures(answer: Answer, folder: Path) -> list[Picture]:
     for number, plot in enumerate(answer.plots):
         write(plot, folder)
         heading = answer.headings[number] if answer.headings else None
-        kept.append(_picture(plot, folder, heading, plot.table if answer.as_text else None))
+        kept.append(_picture(plot, folder, heading, answer.as_text(plot.table) if answer.as_text else None))
     return kept
 
 

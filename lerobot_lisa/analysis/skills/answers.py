@@ -21,7 +21,7 @@ INFORMATION = (
     "never 0, so each number stands beside what the same count gives when instructions are dealt to other episodes. An "
     "episode's set of all codes is what the paper's heat maps count; in long episodes that is nearly all codes, "
     "whatever was asked for. Language that acts only together with what is seen (“turn left, for there is the red "
-    "one”) does not show here: lisa-diagnose swap finds it."
+    "one”) does not show here: heard, above, finds it."
 )
 WORDS = (
     "Each code that an episode used gets all words of its instruction, as in the paper: nobody knows which of them a "

@@ -28,7 +28,23 @@ def answer(material: Material) -> Answer:
     """Does it succeed?"""
     parts = breakdowns(material.trace, material.data.instructions)
     plots = (success_plot(name, table, material.sample) for name, table in parts.items())
-    return Answer("success", "Success", material.data.note, plots, as_text=True, numbers=_key_numbers(parts["overall"]))
+    return Answer(
+        "success", "Success", material.data.note, plots, as_text=_as_text, numbers=_key_numbers(parts["overall"])
+    )
+
+
+def _as_text(table: pd.DataFrame) -> pd.DataFrame:
+    rows = [
+        (
+            row.part,
+            f"{row.percent:.1f} %",
+            f"{row.low:.1f} to {row.high:.1f}",
+            f"{row.successes}/{row.episodes}",
+            "not known" if np.isnan(row.random_actions) else f"{row.random_actions:.1f} %",
+        )
+        for row in table.itertuples()
+    ]
+    return pd.DataFrame(rows, columns=["part", "success", "95 % interval", "episodes", "random actions"])
 
 
 def _key_numbers(overall: pd.DataFrame) -> list[tuple[str, str, str]]:
