@@ -1,6 +1,7 @@
 """What the command lines of all data sets share: exit codes, checks of the output, the closing lines."""
 
 import argparse
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,15 +49,29 @@ def add_output_options(command: argparse.ArgumentParser, example: str) -> None:
 def check_output(options: argparse.Namespace) -> None:
     """Raise `UserError` if there is something at --root, or if --repo-id is not user/name."""
     refuse_existing(options.root)
-    if options.repo_id.count("/") != 1 or not all(options.repo_id.split("/")):
-        raise UserError(f"--repo-id {options.repo_id!r} must look like user/name")
+    check_repo_id(options.repo_id)
+
+
+def check_repo_id(repo_id: str) -> None:
+    """Raise `UserError` for a name that no dataset on the Hub can have; folders are named after it."""
+    from huggingface_hub.errors import HFValidationError  # slower to import than the rest of this file
+    from huggingface_hub.utils import validate_repo_id
+
+    try:
+        validate_repo_id(repo_id)
+        if repo_id.count("/") == 1:
+            return
+    except HFValidationError:
+        pass
+    raise UserError(f"--repo-id {repo_id!r} must look like user/name: letters, digits, dashes, dots, underscores")
 
 
 def print_summary(options: argparse.Namespace, totals: "DatasetTotals", origin: str, seconds: float) -> None:
     """Say what was made, and what to type next."""
+    train = ["lerobot-train", "--policy.type=lisa", f"--dataset.repo_id={options.repo_id}"]
+    train += [f"--dataset.root={options.root}", "--policy.push_to_hub=false"]
+    train += [f"--output_dir=outputs/{options.repo_id.split('/')[1]}"]
     print(
         f"{totals.episodes:,} episodes, {totals.frames:,} frames, {totals.tasks:,} distinct instructions "
-        f"({origin}) in {seconds:.1f} s -> {options.root}\n"
-        f"next: lerobot-train --policy.type=lisa --dataset.repo_id={options.repo_id} --dataset.root={options.root} "
-        f"--policy.push_to_hub=false --output_dir=outputs/{options.repo_id.split('/')[1]}"
+        f"({origin}) in {seconds:.1f} s -> {options.root}\nnext: {shlex.join(train)}"
     )

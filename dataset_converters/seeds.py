@@ -7,6 +7,9 @@ from lerobot_lisa.errors import UserError
 FIRST_TRAINING_SEED = 1_000_000
 """Seeds below are reserved for evaluation, so that no evaluated episode can be in the training data."""
 
+_LAST_SEED = 2**62  # datasets keep seeds as int64
+_MOST_EPISODES = 10**8
+
 
 class SeedRange(NamedTuple):
     """The seeds from `first` up to but not including `stop`."""
@@ -22,8 +25,10 @@ def split_seeds(seeds: SeedRange, size: int) -> list[SeedRange]:
 
 def check_run(episodes: int, workers: int, first_seed: int) -> None:
     """Raise `UserError` for a number of episodes, of workers or a first seed that no run can have."""
-    if episodes < 1 or workers < 1:
-        raise UserError("--episodes and --workers must be at least 1")
+    if not 1 <= episodes <= _MOST_EPISODES or workers < 1:
+        raise UserError(f"--episodes must be 1 to {_MOST_EPISODES:,}, and --workers at least 1")
+    if first_seed > _LAST_SEED:
+        raise UserError(f"--first-seed {first_seed} is too large: use {_LAST_SEED} or less")
     if first_seed < FIRST_TRAINING_SEED:
         raise UserError(
             f"--first-seed {first_seed} is reserved: seeds below {FIRST_TRAINING_SEED} are for evaluation, "

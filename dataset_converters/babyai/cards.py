@@ -1,5 +1,6 @@
 """What the dataset cards of BabyAI datasets say."""
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,14 +15,28 @@ _CITATION = """@inproceedings{chevalier-boisvert2019babyai,
   url = {https://openreview.net/forum?id=rJeXCo0cYX},
 }"""
 _PAPER = "https://openreview.net/forum?id=rJeXCo0cYX"
+_MOST_SEEDS = 20  # named in a card; the others are those that meta/episodes lacks
 
 
-def generated_card(level: str, first_seed: int, last_seed: int, failures: int) -> CardFacts:
+def describe_seeds(first_seed: int, seeds: Sequence[int]) -> str:
+    """The range of seeds that a dataset was made from, and those whose episode failed, of which the first are named.
+
+    Args:
+        first_seed: of the range.
+        seeds: of the episodes in the dataset, in order.
+    """
+    failed = sorted(set(range(first_seed, seeds[-1] + 1)) - set(seeds))
+    more = f" and {len(failed) - _MOST_SEEDS:,} more" if len(failed) > _MOST_SEEDS else ""
+    named = f" ({', '.join(map(str, failed[:_MOST_SEEDS]))}{more})" if failed else ""
+    return f"{first_seed} to {seeds[-1]}, {len(failed):,} failures left out{named}"
+
+
+def generated_card(level: str, first_seed: int, seeds: Sequence[int]) -> CardFacts:
     """Card of a dataset that the bot made; only seeds whose episode succeeded are in it."""
     facts = {
         "Level": level,
         "Generator": f"the bot of minigrid {version('minigrid')}; frames are what the agent sees before each action",
-        "Seeds": f"{first_seed} to {last_seed}, one episode each, {failures} failed episodes left out",
+        "Seeds": f"{describe_seeds(first_seed, seeds)}; one episode each",
     }
     title = f"Demonstrations of the BabyAI level {level} by a bot, with their instructions."
     return _card(title, facts, license_id="apache-2.0", url="https://minigrid.farama.org/environments/babyai/")

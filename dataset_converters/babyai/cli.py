@@ -54,7 +54,9 @@ def _generate(options: argparse.Namespace) -> None:
             options.level, options.episodes, options.root, options.repo_id, options.first_seed, options.workers
         )
     )
-    seeds = f"seeds {options.first_seed} to {result.last_seed}, {result.failures} failures left out"
+    from dataset_converters.babyai.cards import describe_seeds
+
+    seeds = f"seeds {describe_seeds(options.first_seed, result.seeds)}"
     print_summary(options, result.totals, seeds, time.monotonic() - started)
 
 

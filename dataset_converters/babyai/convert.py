@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from dataset_converters.babyai.cards import converted_card
 from dataset_converters.babyai.demo_files import count_demonstrations, level_from_name, read_demonstrations
 from dataset_converters.babyai.demonstration import Demonstration
@@ -14,6 +12,7 @@ from dataset_converters.babyai.encodings import CellEncoding
 from dataset_converters.babyai.schema import babyai_layout, to_episodes
 from dataset_converters.card import write_card
 from dataset_converters.staging import staged
+from dataset_converters.workers import progress
 from dataset_converters.writer import DatasetTotals, write_dataset
 from lerobot_lisa.envs.babyai.levels import check_level
 from lerobot_lisa.errors import UserError
@@ -50,8 +49,8 @@ def convert(settings: ConvertSettings) -> DatasetTotals:
     with staged(settings.root, described) as partial:
         chosen = _chosen(settings, level, indices)
         total = len(indices) if indices is not None else None
-        with tqdm(chosen, total=total, desc="converting", unit="episode", disable=None) as progress:
-            totals = write_dataset(partial / "dataset", babyai_layout(settings.repo_id), to_episodes(progress))
+        with progress(chosen, total, "converting") as episodes:
+            totals = write_dataset(partial / "dataset", babyai_layout(settings.repo_id), to_episodes(episodes))
         encoding = settings.encoding.value if settings.encoding else "detected, rewritten as minigrid's"
         card = converted_card(level, settings.source, _described_selection(settings), encoding)
         write_card(partial / "dataset", settings.repo_id, card)

@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from dataset_converters.babyai.cards import generated_card
 from dataset_converters.babyai.demonstration import Demonstration
 from dataset_converters.babyai.schema import babyai_layout, to_episodes
@@ -14,7 +12,7 @@ from dataset_converters.card import write_card
 from dataset_converters.seeds import FIRST_TRAINING_SEED, SeedRange, check_run, split_seeds
 from dataset_converters.shard_files import shard_path
 from dataset_converters.staging import staged
-from dataset_converters.workers import results_in_order, worker_pool
+from dataset_converters.workers import progress, results_in_order, worker_pool
 from dataset_converters.writer import DatasetTotals, write_dataset
 from lerobot_lisa.envs.babyai.levels import check_level
 from lerobot_lisa.errors import UserError
@@ -40,8 +38,7 @@ class GenerateResult:
     """What was generated."""
 
     totals: DatasetTotals
-    failures: int
-    last_seed: int
+    seeds: list[int]  # of its episodes; those between that are missing failed
 
 
 def generate(settings: GenerateSettings) -> GenerateResult:
@@ -62,14 +59,12 @@ def generate(settings: GenerateSettings) -> GenerateResult:
         ranges = _fill_shards(shards, level, settings)
         seeds: list[int] = []
         demonstrations = _first_successes(shards, level, ranges, settings.episodes, seeds)
-        with tqdm(demonstrations, total=settings.episodes, desc="writing", unit="episode", disable=None) as progress:
+        with progress(demonstrations, settings.episodes, "writing") as bar:
             totals = write_dataset(
-                partial / "dataset", babyai_layout(settings.repo_id), to_episodes((demo, None) for demo in progress)
+                partial / "dataset", babyai_layout(settings.repo_id), to_episodes((demo, None) for demo in bar)
             )
-        failures = seeds[-1] - settings.first_seed + 1 - settings.episodes
-        card = generated_card(level, settings.first_seed, seeds[-1], failures)
-        write_card(partial / "dataset", settings.repo_id, card)
-    return GenerateResult(totals, failures, seeds[-1])
+        write_card(partial / "dataset", settings.repo_id, generated_card(level, settings.first_seed, seeds))
+    return GenerateResult(totals, seeds)
 
 
 def generate_range(level: str, seeds: SeedRange, root: Path, repo_id: str) -> DatasetTotals:
@@ -99,15 +94,15 @@ def _fill_shards(shards: Path, level: str, settings: GenerateSettings) -> list[S
     next_seed = settings.first_seed
     with (
         worker_pool(settings.workers, [make_shard.__module__]) as pool,
-        tqdm(total=settings.episodes, desc=f"demonstrating {level}", unit="episode", disable=None) as progress,
+        progress(None, settings.episodes, f"demonstrating {level}") as bar,
     ):
         while successes < settings.episodes:
             batch = split_seeds(SeedRange(next_seed, next_seed + settings.episodes - successes), _SEEDS_PER_SHARD)
             calls = ((shards, level, seeds) for seeds in batch)
             for counts in results_in_order(pool, make_shard, calls, ahead=2 * settings.workers):
                 successes, failures = successes + counts.successes, failures + counts.failures
-                progress.update(counts.successes)
-                progress.set_postfix(failures=failures)
+                bar.update(counts.successes)
+                bar.set_postfix(failures=failures)
                 if not successes and failures >= _HOPELESS:
                     raise UserError(f"the bot failed all of its first {failures} episodes of {level}; choose another")
             ranges += batch

@@ -58,9 +58,9 @@ class GeneratePlan(Plan):
 
     def card(self, roots: list[Path]) -> CardFacts:
         """The card that `generate` writes."""
-        files = sorted(roots[-1].glob("meta/episodes/**/*.parquet"))
-        last = max(pq.read_table(files[-1], columns=["seed"]).column("seed").to_pylist())
-        return generated_card(self.level, self.first_seed, last, last - self.first_seed + 1 - self.episodes)
+        files = (file for root in roots for file in sorted(root.glob("meta/episodes/**/*.parquet")))
+        seeds = [seed for file in files for seed in pq.read_table(file, columns=["seed"])["seed"].to_pylist()]
+        return generated_card(self.level, self.first_seed, seeds)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,11 @@
 
 import argparse
 import os
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dataset_converters.commands import add_output_options, check_output, run_command
+from dataset_converters.commands import add_output_options, check_repo_id, run_command
 from dataset_converters.seeds import check_run
 from lerobot_lisa.errors import UserError
 
@@ -59,17 +58,17 @@ def _add_common_options(command: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    check_output(options)
-    if options.executor == "slurm" and not options.partition:
-        raise UserError("--executor=slurm needs --partition, the SLURM partition to run on")
-    from dataset_converters.cluster.executors import Slurm, local_executor, slurm_executor
-    from dataset_converters.cluster.steps import prepare
+    check_repo_id(options.repo_id)
+    if options.executor == "slurm":
+        if not options.partition:
+            raise UserError("--executor=slurm needs --partition, the SLURM partition to run on")
+        from dataset_converters.cluster.slurm import Slurm, slurm_executor  # only this needs datatrove
+    from dataset_converters.cluster.steps import prepare, run_here
 
     plan: Plan = options.plan(options)
     prepare(plan)
     if options.executor == "local":
-        local_executor(plan, options.workers).run()
-        shutil.rmtree(plan.folder)  # the logs are left: datatrove has closed them
+        run_here(plan, options.workers)
         print(f"{plan.shards} shards merged -> {plan.root}")
         return
     slurm = Slurm(options.partition, options.time, options.memory, options.qos)

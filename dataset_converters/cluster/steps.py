@@ -1,80 +1,60 @@
-"""The two steps of a run as datatrove runs them: make a shard, merge all of them."""
+"""The steps of a run: take its folder, make its shards, merge them. Here, or as the jobs of `slurm`."""
 
-import json
-import os
 import shutil
-from pathlib import Path
-from typing import Any
-
-from datatrove.pipeline.base import PipelineStep
 
 from dataset_converters.card import write_card
 from dataset_converters.cluster.plan import Plan
-from dataset_converters.staging import refuse_existing, staged
-from lerobot_lisa.errors import UserError
-
-_SETTINGS = "settings.json"
+from dataset_converters.staging import clear, note_settings, one_line_for_disk_errors, refuse_existing, staged
+from dataset_converters.workers import progress, results_in_order, worker_pool
 
 
 def prepare(plan: Plan) -> None:
     """Create the folder of the shards, or check that the one found there belongs to a run with these settings.
 
     Raises:
-        UserError: It belongs to another run, or the dataset is there already.
+        UserError: It belongs to another run, or the dataset is there already; what a killed run has left beside a
+            complete dataset is removed.
     """
-    refuse_existing(plan.root)
-    note, described = plan.folder / _SETTINGS, json.dumps(plan.describe(), indent=2, sort_keys=True)
-    if not plan.folder.exists():
-        plan.folder.mkdir(parents=True)
-        note.write_text(described)
-    elif not note.is_file() or note.read_text() != described:
-        raise UserError(f"{plan.folder} holds the shards of another run; delete it or choose another --root")
+    with one_line_for_disk_errors(plan.root):
+        if plan.root.exists() and plan.folder.exists():
+            note_settings(plan.folder, plan.describe())
+            shutil.rmtree(plan.folder)
+        refuse_existing(plan.root)
+        note_settings(plan.folder, plan.describe())
 
 
-class MakeShards(PipelineStep):
-    """Task r of a pipeline makes shard r; a task that was killed goes on with what it has left."""
-
-    type = "lerobot"
-    name = "make shards"
-
-    def __init__(self, plan: Plan) -> None:
-        super().__init__()
-        self.plan = plan
-
-    def run(self, data: Any = None, rank: int = 0, world_size: int = 1) -> Any:
-        """Make shard `rank`."""
-        _be_quiet()
-        with self.track_time():
-            self.plan.make_shard(rank)
-        return data
+def run_here(plan: Plan, workers: int) -> None:
+    """Make the shards in processes of this machine, then merge them; what an earlier run has made is kept."""
+    calls = [(shard,) for shard in range(plan.shards)]
+    with (
+        worker_pool(min(workers, plan.shards), [type(plan).__module__], finish=False) as pool,
+        progress(
+            results_in_order(pool, plan.make_shard, calls, ahead=plan.shards), plan.shards, "shards", "shard"
+        ) as bar,
+    ):
+        for _ in bar:
+            pass
+    finish(plan)
+    shutil.rmtree(plan.folder)
 
 
-class MergeShards(PipelineStep):
-    """Merges all shards by LeRobot's `aggregate_datasets`, and removes them."""
-
-    type = "lerobot"
-    name = "merge shards"
-
-    def __init__(self, plan: Plan) -> None:
-        super().__init__()
-        self.plan = plan
-
-    def run(self, data: Any = None, rank: int = 0, world_size: int = 1) -> Any:
-        """Merge, unless an earlier run has done it."""
-        _be_quiet()
-        with self.track_time():
-            if not self.plan.root.exists():
-                merge(self.plan, self.plan.complete())
-            for path in self.plan.folder.iterdir():
-                if path != self.plan.logs:  # datatrove is still writing there
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
-        return data
+def finish(plan: Plan) -> None:
+    """Merge all shards, unless an earlier run has done it, and remove them."""
+    if not plan.root.exists():
+        merge(plan)
+    clear(plan.folder, but=plan.logs)  # datatrove is still writing there
 
 
-def merge(plan: Plan, roots: list[Path]) -> None:
-    """One dataset of several, built aside; each keeps its data files, so that merging takes linear time."""
+def merge(plan: Plan) -> None:
+    """One dataset of all shards by LeRobot's `aggregate_datasets`, built aside.
+
+    Each shard keeps its data files, so that merging takes linear time.
+    """
+    from datasets.utils.logging import disable_progress_bar
     from lerobot.datasets.aggregate import aggregate_datasets  # slow to import, and needed at the end only
 
+    disable_progress_bar()
+    roots = plan.complete()
     with staged(plan.root, plan.describe()) as partial:
         aggregate_datasets(
             [plan.repo_id] * len(roots),
@@ -84,11 +64,3 @@ def merge(plan: Plan, roots: list[Path]) -> None:
             concatenate_data=False,
         )
         write_card(partial / "dataset", plan.repo_id, plan.card(roots))
-
-
-def _be_quiet() -> None:
-    """Tasks write log files, where progress bars are noise."""
-    os.environ["TQDM_DISABLE"] = "1"
-    from datasets.utils.logging import disable_progress_bar
-
-    disable_progress_bar()

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from tqdm import tqdm
-
 from dataset_converters.card import write_card
 from dataset_converters.lorel.cards import collected_card
 from dataset_converters.lorel.episode import LorelEpisode
@@ -16,7 +14,7 @@ from dataset_converters.lorel.schema import lorel_layout, to_episodes
 from dataset_converters.lorel.shards import close_cameras, load_episodes, make_images, make_states
 from dataset_converters.seeds import FIRST_TRAINING_SEED, SeedRange, check_run, split_seeds
 from dataset_converters.staging import staged
-from dataset_converters.workers import results_in_order, worker_pool
+from dataset_converters.workers import progress, results_in_order, worker_pool
 from dataset_converters.writer import DatasetTotals, write_dataset
 from lerobot_lisa.envs.lorel.camera import check_quality
 from lerobot_lisa.envs.lorel.gl import choose_gl
@@ -130,9 +128,9 @@ def _fill_shards(shards: Path, ranges: list[SeedRange], settings: CollectSetting
             stages.append(("rendering", make_images, images))
         try:
             for name, work, calls in stages:
-                with tqdm(total=settings.episodes, desc=name, unit="episode", disable=None) as progress:
+                with progress(None, settings.episodes, name) as bar:
                     for count in results_in_order(pool, work, calls, ahead=2 * settings.workers):
-                        progress.update(count)
+                        bar.update(count)
         finally:
             close_cameras()
 
@@ -143,8 +141,8 @@ def _episodes(shards: Path, ranges: list[SeedRange], settings: CollectSettings) 
 
 
 def _write(folder: Path, settings: CollectSettings, episodes: Iterator[LorelEpisode]) -> DatasetTotals:
-    with tqdm(episodes, total=settings.episodes, desc="writing", unit="episode", disable=None) as progress:
+    with progress(episodes, settings.episodes, "writing") as bar:
         if settings.format is Format.HDF5:
-            return write_original(folder, settings.episodes, progress, settings.quality, engine())
+            return write_original(folder, settings.episodes, bar, settings.quality, engine())
         layout = lorel_layout(settings.repo_id, settings.quality, settings.arm)
-        return write_dataset(folder, layout, to_episodes(progress))
+        return write_dataset(folder, layout, to_episodes(bar))

@@ -4,8 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from dataset_converters.card import write_card
 from dataset_converters.lorel.cards import converted_card
 from dataset_converters.lorel.episode import LorelEpisode, is_labelled
@@ -13,6 +11,7 @@ from dataset_converters.lorel.labels_csv import read_labels
 from dataset_converters.lorel.original_file import OriginalFile, open_original
 from dataset_converters.lorel.schema import lorel_layout, to_episodes
 from dataset_converters.staging import staged
+from dataset_converters.workers import progress
 from dataset_converters.writer import DatasetTotals, write_dataset
 from lerobot_lisa.errors import UserError
 
@@ -67,8 +66,8 @@ def convert(settings: ConvertSettings) -> ConvertResult:
         with staged(settings.root, described) as partial:
             layout = lorel_layout(settings.repo_id, file.image_quality)
             episodes = (episode for episode in _episodes(file, labels, count) if chosen[episode.source_index or 0])
-            with tqdm(episodes, total=sum(chosen), desc="converting", unit="episode", disable=None) as progress:
-                totals = write_dataset(partial / "dataset", layout, to_episodes(progress))
+            with progress(episodes, sum(chosen), "converting") as bar:
+                totals = write_dataset(partial / "dataset", layout, to_episodes(bar))
             selection = "all episodes" if settings.limit is None else f"its first {count:,} episodes"
             card = converted_card(settings.source, selection, file.image_quality, dropped)
             write_card(partial / "dataset", settings.repo_id, card)

@@ -134,9 +134,27 @@ def test_failures_are_left_out_counted_and_made_up_for(sixty, tmp_path, monkeypa
     monkeypatch.setattr(shards_module, "demonstrate", sometimes)
     result = generate(settings(tmp_path / "local"))
     seeds = LeRobotDataset("me/local", root=tmp_path / "local").meta.episodes["seed"]
-    assert seeds == [seed for seed in range(1_000_000, result.last_seed + 1) if seed % 3]
+    assert seeds == [seed for seed in range(1_000_000, result.seeds[-1] + 1) if seed % 3]
     assert len(seeds) == 60
-    assert result.failures == result.last_seed + 1 - 1_000_000 - 60
+    assert result.seeds == seeds
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"), [("UnlockToUnlock", 1_000_001), ("Unlock", 1_000_039), ("GoToImpUnlock", 1_000_037)]
+)
+def test_a_bot_that_would_plan_for_ever_gives_up(name, seed):
+    assert demonstrate(make_level(name), name, seed) is None
+
+
+def test_seeds_that_failed_are_named(tmp_path, capsys):
+    """minigrid's own bot never returns from about half of these; here they fail, whoever tries them."""
+    given = ["--level", "UnlockToUnlock", "--episodes", "4", "--repo-id", "me/unlock"]
+    for root, workers in (("a", "1"), ("b", "2")):
+        assert main(["generate", *given, "--root", str(tmp_path / root), "--workers", workers]) == 0
+    named = "1000000 to 1000007, 4 failures left out (1000001, 1000003, 1000005, 1000006)"
+    assert capsys.readouterr().out.count(f"seeds {named}") == 2
+    assert named in (tmp_path / "a/README.md").read_text()
+    assert tree_hash(tmp_path / "a") == tree_hash(tmp_path / "b")
 
 
 @pytest.mark.parametrize(
@@ -144,8 +162,12 @@ def test_failures_are_left_out_counted_and_made_up_for(sixty, tmp_path, monkeypa
     [
         (["--level", "GoToLocl"], "no BabyAI level 'GoToLocl'"),
         (["--first-seed", "1000"], "reserved"),
-        (["--episodes", "0"], "at least 1"),
+        (["--episodes", "0"], "must be 1 to"),
+        (["--episodes", str(10**12)], "must be 1 to"),
+        (["--first-seed", str(2**70)], "too large"),
         (["--repo-id", "nobody"], "user/name"),
+        (["--repo-id", "me/.."], "user/name"),
+        (["--root", "x" * 300], "File name too long"),
         (["--root", "/proc/here/data"], "/proc/here/data: "),
     ],
 )

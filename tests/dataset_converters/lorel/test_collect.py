@@ -183,7 +183,7 @@ def test_images_show_the_stored_states_in_both_formats(tmp_path):
     ("arguments", "message"),
     [
         (["--first-seed", "1000"], "reserved"),
-        (["--episodes", "0"], "at least 1"),
+        (["--episodes", "0"], "must be 1 to"),
         (["--workers", "0"], "at least 1"),
         (["--repo-id", "nobody"], "user/name"),
         (["--arm", "third"], "no arm 'third'"),

@@ -1,14 +1,50 @@
-"""Where a run takes place: processes on this machine, or jobs of a SLURM cluster."""
+"""A run as jobs that datatrove queues on a SLURM cluster, as LeRobot's own porting examples do."""
 
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from datatrove.executor import LocalPipelineExecutor, SlurmPipelineExecutor
+from datatrove.executor import SlurmPipelineExecutor
 from datatrove.executor.base import PipelineExecutor
+from datatrove.pipeline.base import PipelineStep
 
 from dataset_converters.cluster.plan import Plan
-from dataset_converters.cluster.steps import MakeShards, MergeShards
+from dataset_converters.cluster.steps import finish
+
+
+class MakeShards(PipelineStep):
+    """Task r of a pipeline makes shard r; a task that was killed goes on with what it has left."""
+
+    type = "lerobot"
+    name = "make shards"
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__()
+        self.plan = plan
+
+    def run(self, data: Any = None, rank: int = 0, world_size: int = 1) -> Any:
+        """Make shard `rank`."""
+        with self.track_time():
+            self.plan.make_shard(rank)
+        return data
+
+
+class MergeShards(PipelineStep):
+    """Merges all shards, and removes them."""
+
+    type = "lerobot"
+    name = "merge shards"
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__()
+        self.plan = plan
+
+    def run(self, data: Any = None, rank: int = 0, world_size: int = 1) -> Any:
+        """Merge, unless an earlier run has done it."""
+        with self.track_time():
+            finish(self.plan)
+        return data
 
 
 @dataclass(frozen=True)
@@ -26,12 +62,6 @@ class Slurm:
     time: str = "08:00:00"
     memory: int = 4
     qos: str = ""
-
-
-def local_executor(plan: Plan, workers: int) -> PipelineExecutor:
-    """Shards in `workers` processes of this machine, then the merge."""
-    shards = LocalPipelineExecutor([MakeShards(plan)], plan.shards, workers, str(plan.logs / "shards"))
-    return LocalPipelineExecutor([MergeShards(plan)], 1, 1, str(plan.logs / "merge"), depends=shards)
 
 
 def slurm_executor(plan: Plan, workers: int, slurm: Slurm) -> PipelineExecutor:
