@@ -5,7 +5,7 @@ import logging
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -116,7 +116,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
         frames, packing = self.gather(batch)
         actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
-        with _drawing_from(batch, self.training):
+        with _drawing_from(batch, self._device) if self.training else nullcontext():
             outputs, extra_loss, metrics = self.predict(*_words(batch), observations, actions, packing)
         head = self.network.head
         action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
@@ -330,19 +330,16 @@ def _instructions(batch: Mapping[str, Any]) -> list[Any]:
 
 
 @contextmanager
-def _drawing_from(batch: Mapping[str, Any], training: bool) -> Iterator[None]:
-    """Let a training step draw (dropout, codes to revive) from a seed that its frames, in their order, make.
+def _drawing_from(batch: Mapping[str, Any], device: torch.device) -> Iterator[None]:
+    """Let a training step draw (dropout, codes to revive) from a seed that its frames make, in their order.
 
     LeRobot restores torch's generator when it resumes, but its loader then draws from it once more than without an
     interruption. Which frames make a step depends on `--seed` and the step alone, resumed or not.
     """
-    if not training:
-        yield
-        return
     frames = batch.get("index", batch["episode_index"])
     rank = torch.distributed.get_rank() if torch.distributed.is_initialized() else 0
     drawn = hashlib.blake2b(repr((rank, frames.reshape(-1).tolist())).encode(), digest_size=7)
-    with torch.random.fork_rng([frames.device] if frames.device.type == "cuda" else []):
+    with torch.random.fork_rng([device] if device.type == "cuda" else []):
         torch.manual_seed(int.from_bytes(drawn.digest()))
         yield
 
