@@ -9,6 +9,7 @@ import pyarrow as pa
 from lerobot.utils.constants import DEFAULT_FEATURES
 from PIL import Image
 
+from dataset_converters.instructions import check_instruction
 from lerobot_lisa.errors import UserError
 
 _NUMERIC = {"bool", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)), "float32", "float64"}
@@ -35,10 +36,10 @@ def check_episode(
     """Return the number of frames T of an episode.
 
     Raises:
-        UserError: if the task is empty, or if features, dtypes, shapes or lengths do not fit.
+        UserError: if the task is not one line of text, a value is not finite, or if features, dtypes, shapes or lengths
+            do not fit.
     """
-    if not isinstance(task, str) or not task:
-        raise UserError(f"episode {index}: the task is {task!r}; give a non-empty instruction")
+    check_instruction(task, f"episode {index}: the task")
     if frames.keys() != features.keys():
         raise UserError(f"episode {index}: has features {sorted(frames)}, the dataset has {sorted(features)}")
     length = len(next(iter(frames.values())))
@@ -51,6 +52,9 @@ def check_episode(
             raise UserError(
                 f"episode {index}: {key} is {values.dtype} {values.shape}, expected {dtype} {(length, *shape)}"
             )
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            frame = int(np.argwhere(~np.isfinite(values))[0, 0])
+            raise UserError(f"episode {index}: {key} is NaN or infinite at frame {frame}; mend it or leave it out")
     return length
 
 

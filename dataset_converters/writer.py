@@ -70,6 +70,8 @@ def write_dataset(root: Path, layout: DatasetLayout, episodes: Iterable[Episode]
         UserError: if a feature is not supported, an episode does not fit the layout, or there is no episode at all.
     """
     check_features(layout.features)
+    if layout.fps < 1:
+        raise UserError(f"fps is {layout.fps}: give a whole number of frames per second, at least 1")
     writer = _DatasetWriter(root, layout)
     try:
         for episode in episodes:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dataset_converters.instructions import check_instruction
 from lerobot_lisa.errors import UserError
 
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
@@ -36,8 +37,7 @@ class Demonstration:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.instruction, str) or not self.instruction.strip():
-            raise UserError(f"the instruction is {self.instruction!r}; expected text")
+        check_instruction(self.instruction, "the instruction")
         length = len(self.action)
         if length == 0:
             raise UserError("the episode has no steps")

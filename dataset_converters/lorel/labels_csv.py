@@ -4,6 +4,7 @@ import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from dataset_converters.instructions import check_instruction
 from lerobot_lisa.errors import UserError
 
 COLUMNS = ("Episode Number", "Text Description")
@@ -37,10 +38,10 @@ def _labels(path: Path, rows: Iterator[list[str]]) -> Iterator[str]:
         if len(row) != len(header):
             raise UserError(f"{path}: row {index + 1} has {len(row)} fields instead of {len(header)}; is it damaged?")
         if row[number].strip() != str(index):
-            raise UserError(f"{path}: row {index + 1} is numbered {row[number]!r} instead of {index}; sort its rows")
+            fix = "sort its rows" if index else "is it a part of a longer file? Number its episodes from 0"
+            raise UserError(f"{path}: row {index + 1} is numbered {row[number][:40]!r} instead of {index}; {fix}")
         label = row[text].strip()
-        if not label or not label.isprintable():
-            raise UserError(f"{path}: the label of episode {index} is {label!r}; give it one line of text")
+        check_instruction(label, f"{path}: the label of episode {index}")
         yield label
 
 

@@ -1,6 +1,6 @@
 """The episode store: every frame of a dataset in contiguous tensors, gathered by whole episodes.
 
-LeRobot's loader reads about 65 windows of 50 frames per second and core: each frame passes through Python lists.
+LeRobot's loader reads 88 windows of 50 frames per CPU-second (docs/performance.md): frames pass through Python lists.
 The policies therefore ask that loader for single frames only, and fetch whole episodes from here by episode index.
 """
 

@@ -265,5 +265,45 @@ def test_no_episode_and_unsupported_features_are_refused(tmp_path):
     video = {"observation.images.top": {"dtype": "video", "shape": (8, 8, 3), "names": None}}
     with pytest.raises(UserError, match="dtype video"):
         write_dataset(tmp_path / "b", DatasetLayout("me/x", 10, video), [])
-    with pytest.raises(UserError, match="non-empty instruction"):
-        write_dataset(tmp_path / "c", LAYOUT, [Episode("", random_episodes([1])[0].frames)])
+    with pytest.raises(UserError, match="fps is 0"):
+        write_dataset(tmp_path / "c", DatasetLayout("me/x", 0, FEATURES), [])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("key", ["observation.state", "action"])
+def test_values_that_are_not_finite_are_refused_by_episode_and_feature(tmp_path, key, value):
+    features = {name: {"dtype": "float32", "shape": (2,), "names": None} for name in ("observation.state", "action")}
+    good, bad = ({name: np.zeros((5, 2), np.float32) for name in features} for _ in range(2))
+    bad[key][3, 1] = value
+    with pytest.raises(UserError, match=f"^episode 1: {key} is NaN or infinite at frame 3;"):
+        write_dataset(tmp_path / "d", DatasetLayout("me/x", 10, features), [Episode("a", good), Episode("b", bad)])
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        ("", "non-empty instruction"),
+        (" \u200b ", "non-empty instruction"),
+        (None, "non-empty instruction"),
+        ("a\nb\n# heading\n---\nlicense: evil", "control characters"),
+        ("tab\there", "control characters"),
+        ("\x1b[31mred", "control characters"),
+        ("go\x00", "control characters"),
+        ("line\u2028separator", "control characters"),
+        ("\u202etxt.exe", "control characters"),
+        ("half \ud800", "control characters"),
+        ("x" * 100_000, "100,000 characters"),
+    ],
+)
+def test_instructions_that_are_no_line_of_text_are_refused(tmp_path, task, message):
+    with pytest.raises(UserError, match=message) as caught:
+        write_dataset(tmp_path / "d", LAYOUT, [Episode(task, random_episodes([1])[0].frames)])
+    assert str(caught.value).startswith("episode 0: the task ")
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("task", ["שלום עולם", "赤い\u3000ボール", "a\u200cb", "👩\u200d🚀 go", "Go to the red ball "])
+def test_instructions_in_any_script_are_kept(tmp_path, task):
+    write_dataset(tmp_path / "d", LAYOUT, [Episode(task, random_episodes([1])[0].frames)])
+    assert list(LeRobotDataset("me/random", root=tmp_path / "d").meta.tasks.index) == [task]

@@ -36,7 +36,7 @@ EVENTS = {
     "turn faucet left": Event(FAUCET, 1, _TURNED),
     "turn faucet right": Event(FAUCET, -1, _TURNED),
 }
-"""Everything that a label can speak of (specification, section 2)."""
+"""Everything that a label of the LOReL data set can speak of (https://sites.google.com/view/robotlorel)."""
 
 NOTHING = "do nothing"
 

@@ -1,7 +1,7 @@
 """The instructions that LOReL and LISA evaluate, as suites of tasks.
 
-Source: LISA (NeurIPS 2022), tables of the LOReL experiments and its appendix; instructions as released (specification,
-1.6 and 1.7). Instructions that occur twice count twice, as in the paper.
+Source: LISA (NeurIPS 2022), tables of the LOReL experiments and its appendix. Instructions that occur twice count
+twice, as in the paper.
 """
 
 from types import MappingProxyType

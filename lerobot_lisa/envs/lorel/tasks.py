@@ -53,7 +53,7 @@ class Task:
 
     @property
     def placement(self) -> Mapping[int, Bounds]:
-        """Bounds of the coordinates that an episode starts from: those of all parts (specification, 1.5 and 1.7)."""
+        """Bounds of the coordinates that an episode starts from: those of all parts."""
         chosen = [bounds for part in self.parts for prefix, bounds in _PLACEMENTS if part.startswith(prefix)]
         return MappingProxyType({index: limits for bounds in chosen for index, limits in bounds.items()})
 

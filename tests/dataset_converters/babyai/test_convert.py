@@ -3,6 +3,8 @@
 import os
 import pickle
 import random
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -126,3 +128,10 @@ def test_lerobots_own_tools_edit_the_dataset(source, tmp_path):
     assert both.meta.total_tasks == 30
     assert both.meta.episodes["source_index"][:40] == list(range(40))
     assert both.meta.features["action"]["names"] == original.meta.features["action"]["names"]
+
+
+def test_the_next_command_can_be_typed(source, tmp_path, capsys):
+    root = tmp_path / "it's my $HOME; data"
+    assert main(["convert", str(source), "--root", str(root), "--repo-id", "me/d"]) == 0
+    (command,) = re.findall(r"^next: (.*)$", capsys.readouterr().out, re.MULTILINE)
+    assert f"--dataset.root={root}" in shlex.split(command)

@@ -234,6 +234,9 @@ def test_random_damage_never_escapes_as_another_error(tmp_path):
         (pickle.dumps([(b"go", pack(demo(2)[1]), [0, 1], [0, 1])]), "instruction"),
         (pickle.dumps([("go", pack(demo(2)[1].astype(np.int64)), [0, 1], [0, 1])]), "not uint8"),
         (dump([demo(2), ("", *demo(2)[1:])]), "demonstration 1: the instruction"),
+        (dump([demo(2), ("go\n# heading", *demo(2)[1:])]), "demonstration 1: the instruction .* control characters"),
+        (dump([demo(2), ("x" * 100_000, *demo(2)[1:])]), "demonstration 1: the instruction has 100,000 characters"),
+        (pickle.dumps([("go", pack(demo(2)[1]), [0, 1], [0, float("inf")])]), "BabyAI-GoTo-v0.pkl"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, content, message):

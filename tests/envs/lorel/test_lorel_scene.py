@@ -1,4 +1,4 @@
-"""The compiled tabletop and its physics: what the specification says of the model, resets and steps."""
+"""The compiled tabletop and its physics: what docs/lorel_environment.md says of the model, resets and steps."""
 
 import numpy as np
 import pytest
