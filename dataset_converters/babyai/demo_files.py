@@ -145,5 +145,5 @@ def _demonstration(demo: RawDemonstration, level: str, encoding: CellEncoding) -
 def _small_integers(values: list[int], name: str) -> np.ndarray:
     try:
         return np.frombuffer(bytes(values), np.uint8).astype(np.int64)
-    except ValueError as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise PickleRefusedError(f"{name} is outside its range") from error

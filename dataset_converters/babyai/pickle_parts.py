@@ -12,24 +12,21 @@ _DTYPES = {
 }  # little-endian on every machine that minigrid runs on
 
 
-class _Dtype(Part):
+def _dtype(code: Any, align: Any = False, copy: Any = False) -> Part:
     """A dtype of plain integers."""
+    code = code.decode("ascii", "replace") if isinstance(code, bytes) else code
+    if not isinstance(code, str) or code not in _DTYPES:
+        raise PickleRefusedError("it holds an array of something else than integers")
 
-    __slots__ = ("dtype",)
-
-    def __init__(self, code: Any, align: Any = False, copy: Any = False) -> None:
-        code = code.decode("ascii", "replace") if isinstance(code, bytes) else code
-        if not isinstance(code, str) or code not in _DTYPES:
-            raise PickleRefusedError("it holds an array of something else than integers")
-        super().__init__("numpy.dtype", build=self._with_state)
-        self.dtype = _DTYPES[code]
-
-    def _with_state(self, state: Any) -> "_Dtype":
+    def with_state(state: Any) -> Part:
         """(version, byte order, subdtype, names, fields, ...): a plain dtype has none of the middle three."""
         plain = isinstance(state, tuple) and len(state) >= 5 and state[2:5] == (None, None, None)
         if not plain or state[1] not in ("<", "|", "=", b"<", b"|", b"="):
             raise PickleRefusedError("it holds an array with a structured or big-endian dtype")
-        return self
+        return made
+
+    made = Part("a dtype", build=with_state, value=_DTYPES[code])
+    return made
 
 
 def as_bytes(value: Any) -> bytes:
@@ -45,7 +42,8 @@ def as_bytes(value: Any) -> bytes:
 
 
 def _array(shape: Any, dtype: Any, fortran: Any, raw: Any) -> np.ndarray:
-    if not isinstance(dtype, _Dtype) or not isinstance(shape, tuple) or len(shape) > 8:
+    kind = dtype.value if isinstance(dtype, Part) else None
+    if not isinstance(kind, np.dtype) or not isinstance(shape, tuple) or len(shape) > 8:
         raise PickleRefusedError("it holds a damaged array")
     if not all(type(side) is int and 0 <= side < 2**31 for side in shape):
         raise PickleRefusedError("it holds an array with an impossible shape")
@@ -53,9 +51,9 @@ def _array(shape: Any, dtype: Any, fortran: Any, raw: Any) -> np.ndarray:
     count = 1
     for side in shape:
         count *= side
-    if count * dtype.dtype.itemsize != len(content):
+    if count * kind.itemsize != len(content):
         raise PickleRefusedError("it holds an array whose size does not match its shape")
-    return np.frombuffer(content, dtype.dtype).reshape(shape, order="F" if fortran else "C")
+    return np.frombuffer(content, kind).reshape(shape, order="F" if fortran else "C")
 
 
 def _array_from_state(state: Any) -> np.ndarray:
@@ -103,7 +101,7 @@ _ACTIONS = Part("MiniGridEnv.Actions", _action)
 
 ARRAY_PARTS: Parts = {
     ("numpy", "ndarray"): _NDARRAY,
-    ("numpy", "dtype"): Part("numpy.dtype", _Dtype),
+    ("numpy", "dtype"): Part("numpy.dtype", _dtype),
     ("_codecs", "encode"): Part("_codecs.encode", _encode),
 }
 for _core in ("numpy.core", "numpy._core"):

@@ -156,10 +156,11 @@ def _text(text: str) -> bytes:
 def test_no_known_name_can_be_changed_through_build(tmp_path, module_and_name, state):
     module, name = module_and_name
     part = pickle_parts.DEMO_PARTS[module_and_name]
-    before = {slot: getattr(part, slot) for slot in pickle_reader.Part.__slots__}
+    before = {field: getattr(part, field) for field in pickle_reader.Part._fields}
     refused(tmp_path, b"\x80\x04](" + _text(module) + _text(name) + b"\x93" + state + b"be.")
     refused(tmp_path, b"\x80\x04](" + _text(module) + _text(name) + b"\x93)R" + state + b"be.")
-    assert {slot: getattr(part, slot) for slot in pickle_reader.Part.__slots__} == before
+    assert pickle_parts.DEMO_PARTS[module_and_name] is part
+    assert {field: getattr(part, field) for field in pickle_reader.Part._fields} == before
 
 
 BOMBS = {
@@ -176,6 +177,8 @@ BOMBS = {
     "digits": b"(lp0\nI" + b"9" * 2_000_000 + b"\na.",
     "long integer": b"\x80\x04](\x8b" + struct.pack("<i", 2**31 - 1) + b"e.",
     "many integers": b"\x80\x04]((U\x01aU\x01b](" + b"K\x01" * 1_000_000 + b"e](e t e.",
+    "texts": b"\x80\x04](" + b"\x8c\x02go" * 500_000 + b"e.",
+    "remembered numbers": b"\x80\x02](" + b"".join(b"K\x01r" + struct.pack("<I", i) for i in range(300_000)) + b"e.",
     "memo index": b"\x80\x02](r\xff\xff\xff\xff" + b"K\x01r\xff\xff\xff\xffe.",
 }
 
@@ -186,6 +189,18 @@ def test_small_files_cannot_take_much_memory(tmp_path, name):
     try:
         refused(tmp_path, BOMBS[name])
         assert tracemalloc.get_traced_memory()[1] < 40_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_file_is_never_held_as_a_whole():
+    rng = np.random.default_rng(0)
+    content = pickle.dumps([(f"go to ball {i}", rng.bytes(5000), [0, 1], [1, 2]) for i in range(3000)], 4)
+    assert len(content) > 15_000_000
+    tracemalloc.start()
+    try:
+        assert sum(1 for _ in pickle_reader.read_items(content, pickle_parts.DEMO_PARTS)) == 3000
+        assert tracemalloc.get_traced_memory()[1] < 2_000_000
     finally:
         tracemalloc.stop()
 
