@@ -86,7 +86,9 @@ def test_again_evaluates_nothing_and_gives_the_same(
 ) -> None:
     shutil.copytree(made, tmp_path / "out")
     monkeypatch.setattr("lerobot_lisa.analysis.recording.record.load", None)
+    (tmp_path / "out" / ".building_killed" / "figures").mkdir(parents=True)  # by a run that was killed
     assert run(monkeypatch, lisa, tmp_path / "out") == 0
+    assert not list((tmp_path / "out").glob(".*"))
     assert (tmp_path / "out" / "report.html").read_bytes() == (made / "report.html").read_bytes()
 
 

@@ -102,7 +102,8 @@ def summary(trace: Trace) -> Iterator[str]:
         if row.episode < _LISTED:
             ended = "success" if row.success else "failure"
             path = followed[row.group, row.task_id, row.episode] or "no skill codes"
-            yield f"{names[row.group, row.task_id]}  seed {row.seed}  {ended} after {row.steps} steps  {path}"
+            name = drawing.clip(names[row.group, row.task_id], 100)
+            yield f"{name}  seed {row.seed}  {ended} after {row.steps} steps  {path}"
     yield from breakdown.said(breakdown.by_task(trace))
 
 

@@ -118,20 +118,31 @@ def _check(folder: Path, origin: str) -> None:
 
 
 @contextmanager
-def _claimed(folder: Path, origin: str) -> Iterator[None]:
-    """Keep a folder for one evaluation, and for one process at a time."""
+def locked(folder: Path) -> Iterator[None]:
+    """Keep a folder for one process at a time.
+
+    Raises:
+        UserError: Another one is at work there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / _LOCK, timeout=0):
-            _check(folder, origin)
-            _write(folder / NOTE, origin)
-            try:
-                yield
-            except UserError:
-                _leave(folder)
-                raise
+            yield
     except Timeout:
         raise UserError(f"{folder}: another process is recording there; wait or choose another --output_dir") from None
+
+
+@contextmanager
+def _claimed(folder: Path, origin: str) -> Iterator[None]:
+    """Keep a folder for one evaluation, and for one process at a time."""
+    with locked(folder):
+        _check(folder, origin)
+        _write(folder / NOTE, origin)
+        try:
+            yield
+        except UserError:
+            _leave(folder)
+            raise
 
 
 def _leave(folder: Path) -> None:

@@ -6,9 +6,10 @@ lisa-report --policy.path=outputs/lisa/checkpoints/last/pretrained_model --env.t
 
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from lerobot_lisa.analysis import training_data
 from lerobot_lisa.analysis.commands import check_number, run_command
@@ -17,7 +18,7 @@ from lerobot_lisa.analysis.material import PERMUTATIONS, Material
 from lerobot_lisa.analysis.recording import frames
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
 from lerobot_lisa.analysis.recording.frames import FrameCollector
-from lerobot_lisa.analysis.recording.record import NOTE, record
+from lerobot_lisa.analysis.recording.record import NOTE, locked, record
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.report.build import FIGURES, PAGE, build
 from lerobot_lisa.analysis.skills.sheets import check_font
@@ -74,10 +75,10 @@ def report(config: ReportConfig) -> None:
     _check_folder(config.output_dir)
     trace = _record(config)
     runs = heard.measure(config, config.output_dir / LISTENING, own=trace) if config.listening else None
-    with TemporaryDirectory(dir=config.output_dir, prefix=".building_") as folder:
-        examples = frames.read(config.output_dir / TRACE, config.examples)
-        numbers = build(Path(folder), Material(trace, data, examples, config.permutations, config.font), runs)
-        _move_in_place(Path(folder), config.output_dir)
+    examples = frames.read(config.output_dir / TRACE, config.examples)
+    with locked(config.output_dir / TRACE), _building(config.output_dir) as folder:
+        numbers = build(folder, Material(trace, data, examples, config.permutations, config.font), runs)
+        _move_in_place(folder, config.output_dir)
     for name, number, meaning in numbers:
         print(f"{name}: {number} ({meaning})")
     print(config.output_dir / PAGE)
@@ -96,6 +97,19 @@ def _record(config: ReportConfig) -> Trace:
     if not config.examples or horizon is None:
         return record(config, folder)
     return record(config, folder, [FrameCollector(folder, horizon, config.examples)])
+
+
+@contextmanager
+def _building(output: Path) -> Iterator[Path]:
+    """A folder to build in; what a killed run has left is taken away."""
+    folder = output / ".building"
+    for left in output.glob(f"{folder.name}*"):
+        shutil.rmtree(left)
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _move_in_place(building: Path, folder: Path) -> None:

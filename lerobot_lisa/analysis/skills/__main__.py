@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from lerobot_lisa.analysis.commands import run_command
-from lerobot_lisa.analysis.drawing import styled, write
+from lerobot_lisa.analysis.drawing import clip, styled, write
 from lerobot_lisa.analysis.recording.evaluation import CheckpointConfig, code_labels, lisa_config
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.skills import words
@@ -134,7 +134,7 @@ def said(made: Choices, found: SkillWords) -> list[str]:
     episodes = made.used.sum(0)
     lines = [
         f"skill {label:>2}  {episodes[code]:6d} episodes  "
-        + ", ".join(f"{word} x{times:.1f}" for word, times in listed)
+        + ", ".join(f"{clip(word)} x{times:.1f}" for word, times in listed)
         for code, (label, listed) in enumerate(zip(found.labels, top_words(found), strict=True))
         if episodes[code]
     ]

@@ -154,7 +154,5 @@ def said(table: pd.DataFrame) -> Iterator[str]:
     """A line for each row of `rates`: counts, interval, random actions where known, and the part's name."""
     for row in table.itertuples():
         beside = "" if np.isnan(row.random_actions) else f"; random actions {row.random_actions:.1f} %"
-        yield (
-            f"{row.part}: {row.percent:.1f} % success ({row.successes}/{row.episodes}; 95 % interval {row.low:.1f} to "
-            f"{row.high:.1f}{beside})"
-        )
+        interval = f"95 % interval {row.low:.1f} to {row.high:.1f}{beside}"
+        yield f"{clip(row.part, 100)}: {row.percent:.1f} % success ({row.successes}/{row.episodes}; {interval})"
