@@ -2,11 +2,12 @@
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from lerobot_lisa.analysis.drawing import DPI, Plot, clip, styled, write
 from lerobot_lisa.analysis.material import Answer, Heading
@@ -15,37 +16,29 @@ from lerobot_lisa.errors import UserError
 FIGURES = "figures"
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A figure as it stands in the page.
 
     Attributes:
-        name: Of its files.
-        title: What it shows.
-        reading: How to read it.
+        plot: Its name, title and reading; without its drawing, so that a hundred are never in memory together.
         source: The PNG, as a data URI.
-        width: On the page, in CSS pixels.
-        height: On the page.
+        size: Width and height on the page, in CSS pixels.
         heading: Above it; None: it has none.
         table: Numbers shown as text; None: they are in the CSV only.
     """
 
-    name: str
-    title: str
-    reading: str
+    plot: Plot
     source: str
-    width: int
-    height: int
-    heading: Heading | None = None
-    table: pd.DataFrame | None = None
+    size: tuple[int, int]
+    heading: Heading | None
+    table: pd.DataFrame | None
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A question's answer, drawn."""
 
     answer: Answer
-    pictures: Sequence[Picture]
+    pictures: list[Picture]
 
 
 def draw(answers: Iterable[Answer], folder: Path) -> list[Section]:
@@ -59,19 +52,19 @@ def _pictures(answer: Answer, folder: Path) -> list[Picture]:
     kept = []
     for number, plot in enumerate(answer.plots):
         write(plot, folder)
+        source, size = _as_shown(folder / f"{plot.name}.png")
         heading = answer.headings[number] if answer.headings else None
-        kept.append(_picture(plot, folder, heading, answer.as_text(plot.table) if answer.as_text else None))
+        table = answer.as_text(plot.table) if answer.as_text else None
+        kept.append(Picture(replace(plot, figure=Figure()), source, size, heading, table))
     return kept
 
 
-def _picture(plot: Plot, folder: Path, heading: Heading | None, table: pd.DataFrame | None) -> Picture:
+def _as_shown(path: Path) -> tuple[str, tuple[int, int]]:
     from PIL import Image
 
-    path = folder / f"{plot.name}.png"
     with Image.open(path) as drawn:
         width, height = (round(side * 96 / DPI) for side in drawn.size)
-    source = f"data:image/png;base64,{b64encode(path.read_bytes()).decode()}"
-    return Picture(plot.name, plot.title, plot.reading, source, width, height, heading, table)
+    return f"data:image/png;base64,{b64encode(path.read_bytes()).decode()}", (width, height)
 
 
 def render(sections: Sequence[Section], **more: Any) -> str:
