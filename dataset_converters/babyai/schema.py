@@ -15,6 +15,7 @@ _KINDS, _COLORS, _STATES = (sorted(numbers, key=numbers.get) for numbers in (OBJ
 GRID_SYMBOLS: dict[str, Any] = {
     "axes": ["column", "row", "channel"],
     "shape": list(GRID_SHAPE),
+    "naming": ["kind", "color"],  # a state, such as open, is nothing that a thing is called
     "channels": [
         {"name": "kind", "words": _KINDS},
         {"name": "color", "words": _COLORS},
