@@ -37,7 +37,8 @@ def checkpoint(root: Path, folder: Path, config: PreTrainedConfig) -> Path:
 
 def lisa(root: Path, folder: Path, **settings: Any) -> Path:
     """A LISA checkpoint."""
-    return checkpoint(root, folder, LisaConfig(**{**SMALL, "horizon": HORIZON, "codebook_size": CODES, **settings}))
+    sizes = {"horizon": HORIZON, "codebook_size": CODES, "quantizer_warmup_steps": 0}
+    return checkpoint(root, folder, LisaConfig(**{**SMALL, **sizes, **settings}))
 
 
 def lang_dt(root: Path, folder: Path, **settings: Any) -> Path:

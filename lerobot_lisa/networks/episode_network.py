@@ -8,6 +8,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.actions import ActionHead
+from lerobot_lisa.networks.observations import ObservationEncoder
 
 
 @dataclass
@@ -17,14 +18,18 @@ class History:
     Attributes:
         step: Steps since reset.
         actions: (B, A) previous actions; set by whoever picks them.
+        looks: (B, places) where was looked in the newest observation; None if observations keep no parts.
     """
 
     step: int = 0
     actions: Tensor | None = None
+    looks: Tensor | None = None
 
 
 class EpisodeNetwork(nn.Module, ABC):
     """Base of `Lisa` and `LangDT`."""
+
+    observations: ObservationEncoder
 
     @property
     @abstractmethod

@@ -9,9 +9,10 @@ from torch import Tensor
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
-from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing, by_length
+from lerobot_lisa.networks.parts import PartAttention, spread
 from lerobot_lisa.networks.transformer import Memory
 
 
@@ -20,9 +21,11 @@ class LangDTHistory(History):
     """Lang-DT's rollout so far.
 
     Attributes:
+        instruction: What was said.
         policy: What the transformer remembers of the instruction and the episode.
     """
 
+    instruction: Instruction
     policy: Memory
 
 
@@ -33,12 +36,13 @@ class LangDT(EpisodeNetwork):
         self,
         language: LanguageEncoder,
         observations: ObservationEncoder,
-        policy: ActionPredictor,
+        action_predictor: ActionPredictor,
         padding_waste: float,
+        asks_words: PartAttention | None = None,
     ) -> None:
         super().__init__()
-        self.language, self.observations, self.policy = language, observations, policy
-        self.padding_waste = padding_waste
+        self.language, self.observations, self.action_predictor = language, observations, action_predictor
+        self.padding_waste, self.asks_words = padding_waste, asks_words
 
     def forward(
         self,
@@ -49,14 +53,17 @@ class LangDT(EpisodeNetwork):
         packing: Packing,
     ) -> Tensor:
         """Predict every action of B whole episodes; arguments as in `Lisa.forward`."""
-        language, seen = self.language(tokens, tokens_valid), self.observations(observations)
+        instruction = self.language(tokens, tokens_valid)
+        seen, _ = self._look(observations, instruction, packing.sequence)
         predictions, order = [], []
         for group in by_length(packing.lengths, self.padding_waste):
             rows = packing.rows(group)
             group_packing = Packing(packing.lengths[group], packing.device)
             where = group.to(tokens.device)
             predictions.append(
-                self.policy(language[where], tokens_valid[where], seen[rows], actions[rows], group_packing)
+                self.action_predictor(
+                    instruction.tokens[where], tokens_valid[where], seen[rows], actions[rows], group_packing
+                )
             )
             order.append(rows)
         return torch.cat(predictions)[torch.cat(order).argsort()]
@@ -64,13 +71,27 @@ class LangDT(EpisodeNetwork):
     @property
     def head(self) -> ActionHead:
         """The transformer's."""
-        return self.policy.head
+        return self.action_predictor.head
 
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LangDTHistory:
         """Start a rollout: show the transformer the instructions."""
-        return LangDTHistory(policy=self.policy.begin(self.language(tokens, tokens_valid), tokens_valid))
+        instruction = self.language(tokens, tokens_valid)
+        return LangDTHistory(
+            instruction=instruction, policy=self.action_predictor.begin(instruction.tokens, tokens_valid)
+        )
 
     def act(self, history: LangDTHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""
         history.step += 1
-        return self.policy.step(history.policy, history.step - 1, self.observations(observations), history.actions)
+        seen, history.looks = self._look(observations, history.instruction, None)
+        return self.action_predictor.step(history.policy, history.step - 1, seen, history.actions)
+
+    def _look(
+        self, observations: Mapping[str, Tensor], instruction: Instruction, rows: Tensor | None
+    ) -> tuple[Tensor, Tensor | None]:
+        """What is seen in N frames, (N, D), the instruction's words having asked for things, and where they looked."""
+        seen = self.observations(observations, self.language.names())
+        if self.asks_words is None or seen.parts is None:
+            return seen.summary, None
+        answers, looks = self.asks_words(seen.parts, instruction.phrases, instruction.tokens, instruction.valid, rows)
+        return seen.summary + answers, spread(seen.parts, looks, self.observations.all_places)

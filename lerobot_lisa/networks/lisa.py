@@ -1,4 +1,4 @@
-"""LISA: skill predictor, codebook and policy, end to end over whole episodes and step by step in rollouts."""
+"""LISA: skill predictor, quantiser and policy, end to end over whole episodes and step by step in rollouts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,11 +8,13 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead
-from lerobot_lisa.networks.codebook import Quantized, Skills
+from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
-from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.parts import PartAttention, Seen, spread
+from lerobot_lisa.networks.quantizers import Quantized, Quantizer
 from lerobot_lisa.networks.skill_plan import SkillPlan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.transformer import Memory
@@ -23,17 +25,21 @@ class LisaHistory(History):
     """LISA's rollout so far.
 
     Attributes:
+        instruction: What was said.
         predictor: What the skill predictor remembers: the instruction and the observations up to the last question.
-        unseen: Observations since the last question, which the skill predictor has not been shown yet.
+        unseen: Observations (B, D) since the last question, which the skill predictor has not been shown yet.
         policy: What the policy remembers of the current chunk.
+        skill: (B, parts, E) of the current chunk.
         codes: (B,) skill codes of the current chunk; None if skills are continuous.
         predicted: (B,) what the skill predictor chose for it; something else than `codes` where a plan overrides it.
         plan: Whose codes are followed; set before the first step.
     """
 
+    instruction: Instruction
     predictor: Memory
-    unseen: list[Mapping[str, Tensor]] = field(default_factory=list)
+    unseen: list[Tensor] = field(default_factory=list)
     policy: Memory | None = None
+    skill: Tensor | None = None
     codes: Tensor | None = None
     predicted: Tensor | None = None
     plan: SkillPlan = field(default_factory=SkillPlan)
@@ -46,11 +52,14 @@ class Lisa(EpisodeNetwork):
         language: Instructions to tokens.
         observations: What the policy sees with.
         predictor: f, chooses embeddings.
-        codebook: Turns embeddings into skill codes, or lets continuous ones through.
-        skill_embedding: Skill codes to tokens of the policy.
-        policy: pi, chooses actions.
+        source: What of f's answers the quantiser gets.
+        quantizer: Makes skill codes of it, or lets it through.
+        skill_embedding: Parts of skill codes to tokens of pi.
+        action_predictor: pi, chooses actions.
         horizon: H.
-        predictor_observations: What the skill predictor sees with; None: `observations`, looking once for both.
+        predictor_observations: What f sees with; None: `observations`, looking once for both.
+        asks_words: The instruction's tokens ask what f sees; None: they do not.
+        asks_skill: The skill code asks what pi sees; None: it does not.
     """
 
     def __init__(
@@ -58,16 +67,20 @@ class Lisa(EpisodeNetwork):
         language: LanguageEncoder,
         observations: ObservationEncoder,
         predictor: SkillPredictor,
-        codebook: Skills,
+        source: PhraseCopier | OwnNumbers,
+        quantizer: Quantizer,
         skill_embedding: nn.Linear,
-        policy: ActionPredictor,
+        action_predictor: ActionPredictor,
         horizon: int,
         predictor_observations: ObservationEncoder | None = None,
+        asks_words: PartAttention | None = None,
+        asks_skill: PartAttention | None = None,
     ) -> None:
         super().__init__()
-        self.language, self.observations, self.predictor, self.codebook = language, observations, predictor, codebook
-        self.skill_embedding, self.policy, self.horizon = skill_embedding, policy, horizon
-        self.predictor_observations = predictor_observations
+        self.language, self.observations, self.predictor_observations = language, observations, predictor_observations
+        self.predictor, self.source, self.quantizer = predictor, source, quantizer
+        self.skill_embedding, self.action_predictor, self.horizon = skill_embedding, action_predictor, horizon
+        self.asks_words, self.asks_skill = asks_words, asks_skill
 
     def forward(
         self,
@@ -87,46 +100,77 @@ class Lisa(EpisodeNetwork):
             packing: Where each episode lies in the N frames.
 
         Returns:
-            Predictions for all N frames, and the skill codes of all chunks, in order.
+            Predictions for all N frames, and the skills of all chunks, in order.
         """
-        language, seen = self.language(tokens, tokens_valid), self.observations(observations)
-        predictor_seen = self.predictor_observations(observations) if self.predictor_observations else seen
-        skills = self.codebook(self.predictor(language, tokens_valid, predictor_seen, packing, self.horizon))
-        prefix = self.skill_embedding(skills.embeddings)[:, None]
-        return self.policy(prefix, None, seen, actions, packing.split(self.horizon)), skills
+        instruction = self.language(tokens, tokens_valid)
+        seen, predictor_seen = self._look(observations)
+        chunks, owners = packing.split(self.horizon), packing.count_chunks(self.horizon).sequence
+
+        heard = self._ask_words(predictor_seen, instruction, packing.sequence)
+        answers = self.predictor(instruction.tokens, tokens_valid, heard, packing, self.horizon)
+        skills = self.quantizer(self.source(answers, instruction.take(owners)))
+
+        prefix = self.skill_embedding(skills.embeddings)
+        wanted, _ = self._ask_skill(seen, skills.embeddings, prefix, chunks.sequence)
+        return self.action_predictor(prefix, None, wanted, actions, chunks), skills
 
     @property
     def head(self) -> ActionHead:
         """The policy's."""
-        return self.policy.head
+        return self.action_predictor.head
 
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LisaHistory:
         """Start a rollout: show the skill predictor the instructions."""
-        return LisaHistory(predictor=self.predictor.begin(self.language(tokens, tokens_valid), tokens_valid))
+        instruction = self.language(tokens, tokens_valid)
+        return LisaHistory(instruction=instruction, predictor=self.predictor.begin(instruction.tokens, tokens_valid))
 
     def act(self, history: LisaHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step; a skill code is chosen at steps 0, H, 2H, ... of each phase of the plan."""
-        history.unseen.append(observations)
+        seen, predictor_seen = self._look(observations)
+        history.unseen.append(self._ask_words(predictor_seen, history.instruction, None))
         code, step_in_phase = history.plan.at(history.step)
         step_in_chunk = step_in_phase % self.horizon
         if step_in_chunk == 0:
             self._choose_skill(history, code)
-        if history.policy is None:
+        if history.policy is None or history.skill is None:
             raise RuntimeError("a rollout starts at step 0")
         previous = history.actions if step_in_chunk else None
         history.step += 1
-        return self.policy.step(history.policy, step_in_chunk, self.observations(observations), previous)
+        wanted, looks = self._ask_skill(seen, history.skill, self.skill_embedding(history.skill), None)
+        history.looks = looks
+        return self.action_predictor.step(history.policy, step_in_chunk, wanted, previous)
 
     def _choose_skill(self, history: LisaHistory, planned: int | None) -> None:
         """Ask the skill predictor, whose memory and answer are wanted even where the plan has a code of its own."""
-        count = len(history.unseen)
-        recent = {key: torch.cat([frame[key] for frame in history.unseen]) for key in history.unseen[0]}
-        seen = (self.predictor_observations or self.observations)(recent).unflatten(0, (count, -1)).transpose(0, 1)
-        skills = self.codebook(self.predictor.ask(history.predictor, seen, history.step + 1 - count))
+        seen = torch.stack(history.unseen, dim=1)
+        answers = self.predictor.ask(history.predictor, seen, history.step + 1 - len(history.unseen))
+        skills = self.quantizer(self.source(answers, history.instruction))
         history.unseen.clear()
         history.codes = history.predicted = skills.codes
-        embeddings = skills.embeddings
+        history.skill = skills.embeddings
         if planned is not None:
-            history.codes = torch.full(skills.embeddings.shape[:1], planned, device=skills.embeddings.device)
-            embeddings = self.codebook.embed(history.codes)
-        history.policy = self.policy.begin(self.skill_embedding(embeddings)[:, None])
+            history.codes = torch.full(seen.shape[:1], planned, device=seen.device)
+            history.skill = self.quantizer.embed(history.codes)
+        history.policy = self.action_predictor.begin(self.skill_embedding(history.skill))
+
+    def _look(self, observations: Mapping[str, Tensor]) -> tuple[Seen, Seen]:
+        """What the policy and what the skill predictor sees of N frames."""
+        names = self.language.names()
+        seen = self.observations(observations, names)
+        return seen, self.predictor_observations(observations, names) if self.predictor_observations else seen
+
+    def _ask_words(self, seen: Seen, instruction: Instruction, rows: Tensor | None) -> Tensor:
+        """What the skill predictor sees, (N, D), the instruction's words having asked for things."""
+        if self.asks_words is None or seen.parts is None:
+            return seen.summary
+        answers, _ = self.asks_words(seen.parts, instruction.phrases, instruction.tokens, instruction.valid, rows)
+        return seen.summary + answers
+
+    def _ask_skill(
+        self, seen: Seen, skill: Tensor, prefix: Tensor, rows: Tensor | None
+    ) -> tuple[Tensor, Tensor | None]:
+        """What the policy sees, (N, D), the skill's parts having asked for things, and where they looked."""
+        if self.asks_skill is None or seen.parts is None:
+            return seen.summary, None
+        answers, looks = self.asks_skill(seen.parts, skill, prefix, None, rows)
+        return seen.summary + answers, spread(seen.parts, looks, self.observations.all_places)

@@ -1,11 +1,16 @@
-"""Observation encoders, one per kind of feature, summed into one embedding per frame."""
+"""Observation encoders, one per kind of feature: one embedding per frame, and the parts it can be asked about."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import prod
 from typing import Literal
 
 import torch
 from torch import Tensor, nn
+
+from lerobot_lisa.networks.images import BackboneEncoder, ImageEncoder, PatchParts
+from lerobot_lisa.networks.parts import Parts, Seen
+from lerobot_lisa.networks.symbols import SymbolEncoder, SymbolNames, SymbolParts
 
 
 @dataclass(frozen=True)
@@ -16,38 +21,35 @@ class ObservationSpec:
         kind: "symbols" (small integers, each position an own vocabulary), "state" (real numbers) or "image".
         shape: Shape of one frame's value; images are (channels, height, width).
         symbols: How many different values a symbol can take; only for "symbols".
+        names: What the symbols are called; None: they have no names.
     """
 
     kind: Literal["symbols", "state", "image"]
     shape: tuple[int, ...]
     symbols: int = 0
+    names: SymbolNames | None = None
 
 
-class SymbolEncoder(nn.Module):
-    """Symbolic grids and categories: the sum of one embedding per (position, symbol), then a residual MLP.
+@dataclass(frozen=True)
+class AskingSpec:
+    """How parts can be asked.
 
-    The bag of embeddings is BabyAI 1.1's (arXiv:2007.12770): embedding symbols instead of treating them as numbers was
-    one of its three gains. Positions keep their own tables, which stands in for that paper's convolutions at a
-    hundredth of their cost on a CPU.
+    Attributes:
+        words: W, width of the space of words.
+        values: C, width of what a part answers.
+        whole: Product of two equal phrases in units of W, see `WordEncoder.whole`.
+        sharpness: Of the attention at first.
     """
 
-    offsets: Tensor
+    words: int
+    values: int
+    whole: float = 2.0
+    sharpness: float = 8.0
 
-    def __init__(self, positions: int, symbols: int, width: int) -> None:
-        super().__init__()
-        self.symbols = symbols
-        self.bag = nn.EmbeddingBag(positions * symbols, width, mode="sum")
-        nn.init.normal_(self.bag.weight, std=0.1)
-        self.mlp = nn.Sequential(
-            nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
-        )
-        self.register_buffer("offsets", torch.arange(positions) * symbols, persistent=False)
-
-    def forward(self, symbols: Tensor) -> Tensor:
-        """(N, positions) of any numeric dtype -> (N, D). Symbols outside the vocabulary count as its last one."""
-        rows = symbols.flatten(1).long().clamp(0, self.symbols - 1) + self.offsets
-        summed = self.bag(rows)
-        return summed + self.mlp(summed)
+    @property
+    def readiness(self) -> float:
+        """Of named parts at first: a question has to match more than half of a name, one of two words is too little."""
+        return -0.6 * self.whole * self.sharpness
 
 
 class StateEncoder(nn.Module):
@@ -57,71 +59,22 @@ class StateEncoder(nn.Module):
         super().__init__()
         self.mlp = nn.Sequential(nn.Linear(size, width), nn.GELU(), nn.Linear(width, width))
 
-    def forward(self, state: Tensor) -> Tensor:
-        """(N, ...) real numbers -> (N, D)."""
-        return self.mlp(state.flatten(1).float())
-
-
-class ImageEncoder(nn.Module):
-    """Images: three strided convolutions (paper, section 4.1), pooled to 4 x 4 so that any image size works.
-
-    The first one quarters the resolution at once. Four that halve it, one after another, spend most of their time on
-    the large maps: a seventh as many images per second on a CPU.
-    """
-
-    def __init__(self, channels: int, width: int) -> None:
-        super().__init__()
-        self.convolutions = nn.Sequential(
-            nn.Conv2d(channels, 32, 5, stride=4, padding=2),
-            nn.ReLU(),
-            nn.Conv2d(32, 64, 3, stride=2, padding=1),
-            nn.ReLU(),
-            nn.Conv2d(64, 64, 3, stride=2, padding=1),
-            nn.ReLU(),
-            nn.AdaptiveAvgPool2d(4),
-        )
-        self.output = nn.Linear(64 * 16, width)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """(N, channels, height, width), uint8 in 0..255 or real in 0..1 -> (N, D)."""
-        return self.output(self.convolutions(_unit_range(images)).flatten(1))
-
-
-class BackboneEncoder(nn.Module):
-    """Images through a torchvision classifier without its last layer, such as `resnet18`, and a linear layer."""
-
-    mean: Tensor
-    std: Tensor
-
-    def __init__(self, name: str, weights: str | None, channels: int, width: int) -> None:
-        super().__init__()
-        import torchvision  # slow to import, and only image policies with a backbone need it
-
-        if channels != 3:
-            raise ValueError(f"image backbone {name} needs 3 channels, the feature has {channels}")
-        model = torchvision.models.get_model(name, weights=weights)
-        if not isinstance(getattr(model, "fc", None), nn.Linear):
-            raise ValueError(f"image backbone {name} has no final layer called fc: choose a resnet")
-        features = model.fc.in_features
-        model.fc = nn.Identity()
-        self.model, self.output = model, nn.Linear(features, width)
-        mean, std = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])  # ImageNet's
-        self.register_buffer("mean", mean.view(3, 1, 1), persistent=False)
-        self.register_buffer("std", std.view(3, 1, 1), persistent=False)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """(N, 3, height, width), uint8 in 0..255 or real in 0..1 -> (N, D)."""
-        return self.output(self.model((_unit_range(images) - self.mean) / self.std))
-
-
-def _unit_range(images: Tensor) -> Tensor:
-    """Real numbers in 0..1 with channels last in memory, which convolutions take half again as fast on a CPU."""
-    real = images.float() / 255 if images.dtype == torch.uint8 else images.float()
-    return real.contiguous(memory_format=torch.channels_last)
+    def forward(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, ...) real numbers -> whole (N, D), and the same as the only part (N, 1, D)."""
+        whole = self.mlp(state.flatten(1).float())
+        return whole, whole[:, None]
 
 
 class ObservationEncoder(nn.Module):
-    """All observation features of a frame, each through the encoder of its kind, summed."""
+    """All observation features of a frame, each through the encoder of its kind, summed; and their parts.
+
+    Args:
+        specs: What the features hold.
+        width: D.
+        backbone: Of images; None: three convolutions.
+        backbone_weights: By torchvision's name; None: from scratch.
+        asking: How parts can be asked; None: there are no parts.
+    """
 
     def __init__(
         self,
@@ -129,30 +82,78 @@ class ObservationEncoder(nn.Module):
         width: int,
         backbone: str | None = None,
         backbone_weights: str | None = None,
+        asking: AskingSpec | None = None,
     ) -> None:
         super().__init__()
         self.symbolic = [key for key, spec in specs.items() if spec.kind == "symbols"]
-        self.encoders = nn.ModuleDict()
-        if self.symbolic:
-            positions = sum(torch.Size(specs[key].shape).numel() for key in self.symbolic)
-            symbols = max(specs[key].symbols for key in self.symbolic)
-            self.encoders["symbols"] = SymbolEncoder(positions, symbols, width)
         self.others = {key: key.replace(".", "_") for key in specs if key not in self.symbolic}
+        self.encoders, self.parts = nn.ModuleDict(), nn.ModuleDict()
+        if self.symbolic:
+            positions = sum(prod(specs[key].shape) for key in self.symbolic)
+            self.encoders["symbols"] = SymbolEncoder(positions, max(specs[key].symbols for key in self.symbolic), width)
         for key, name in self.others.items():
-            self.encoders[name] = self._encoder(specs[key], width, backbone, backbone_weights)
+            self.encoders[name] = _encoder(specs[key], width, backbone, backbone_weights)
+        self.places = dict.fromkeys(specs, 0)
+        for key, spec in specs.items():
+            if asking is None:
+                break
+            name = key.replace(".", "_")
+            self.parts[name] = _parts(spec, self.encoders[name] if key in self.others else None, width, asking)
+            self.places[key] = _count_parts(spec, self.encoders[name] if key in self.others else None)
 
-    @staticmethod
-    def _encoder(spec: ObservationSpec, width: int, backbone: str | None, weights: str | None) -> nn.Module:
-        if spec.kind == "state":
-            return StateEncoder(torch.Size(spec.shape).numel(), width)
-        if backbone is None:
-            return ImageEncoder(spec.shape[0], width)
-        return BackboneEncoder(backbone, weights, spec.shape[0], width)
+    def forward(self, observations: Mapping[str, Tensor], names: Tensor) -> Seen:
+        """Look at N frames.
 
-    def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """Features of N frames, each (N, *shape) -> (N, D)."""
-        embedded = [self.encoders[name](observations[key]) for key, name in self.others.items()]
+        Args:
+            observations: Features, each (N, *shape).
+            names: Vectors (n, W) of what symbols are called; see `LanguageEncoder.names`.
+        """
+        wholes, parts = [], []
+        for key, name in self.others.items():
+            whole, patches = self.encoders[name](observations[key])
+            wholes.append(whole)
+            if name in self.parts:
+                parts.append((key, self.parts[name](patches)))
         if self.symbolic:
             symbols = torch.cat([observations[key].flatten(1) for key in self.symbolic], dim=1)
-            embedded.append(self.encoders["symbols"](symbols))
-        return torch.stack(embedded).sum(0) if len(embedded) > 1 else embedded[0]
+            wholes.append(self.encoders["symbols"](symbols))
+        for key in self.symbolic if self.parts else ():
+            parts.append((key, self.parts[key.replace(".", "_")](observations[key], names)))
+        return Seen(sum(wholes[1:], wholes[0]), self._join(parts))
+
+    @property
+    def all_places(self) -> int:
+        """How many parts an observation can have, feature after feature in the order of `places`."""
+        return sum(self.places.values())
+
+    def _join(self, parts: list[tuple[str, Parts]]) -> Parts | None:
+        """Number the places of all features through."""
+        first, starts = 0, {}
+        for key, count in self.places.items():
+            starts[key] = first
+            first += count
+        numbered = [part._replace(places=part.places + starts[key]) for key, part in parts]
+        return Parts.join(numbered) if numbered else None
+
+
+def _encoder(spec: ObservationSpec, width: int, backbone: str | None, weights: str | None) -> nn.Module:
+    if spec.kind == "state":
+        return StateEncoder(prod(spec.shape), width)
+    if backbone is None:
+        return ImageEncoder(spec.shape[0], width)
+    return BackboneEncoder(backbone, weights, spec.shape[0], width)
+
+
+def _parts(spec: ObservationSpec, encoder: nn.Module | None, width: int, asking: AskingSpec) -> nn.Module:
+    if spec.kind == "symbols":
+        cells = _count_parts(spec, None)
+        return SymbolParts(cells, spec.symbols, asking.words, asking.values, spec.names, asking.readiness)
+    if spec.kind == "state":
+        return PatchParts(1, width, asking.words, asking.values)
+    return PatchParts(encoder.patches, encoder.features, asking.words, asking.values)  # type: ignore[union-attr,arg-type]
+
+
+def _count_parts(spec: ObservationSpec, encoder: nn.Module | None) -> int:
+    if spec.kind == "image":
+        return encoder.patches  # type: ignore[union-attr,return-value]
+    return 1 if spec.kind == "state" else prod(spec.shape) // (len(spec.names.channels) if spec.names else 1)

@@ -1,13 +1,17 @@
 """Which skill codes a person wants a rollout to follow, and when: the paper's manual planning and fixed skills."""
 
 import re
+from collections.abc import Callable
 from typing import NamedTuple
 
 from lerobot_lisa.errors import UserError
 
 PREDICTOR = "?"
-_PART = re.compile(r"(\d{1,9}|\?)(?:\*(\d{1,9}))?")
-_EXAMPLE = "write codes and steps as in '14*20,2*20', or '?' for the skill predictor's choice as in '?*10,14*10'"
+_PART = re.compile(r"([^*,]+?)\s*(?:\*\s*(\d{1,9}))?")
+_EXAMPLE = (
+    "write codes and steps as in '14*20,2*20', names of codes as in 'red ball*20', "
+    "or '?' for the skill predictor's choice as in '?*10,14*10'"
+)
 
 
 class Phase(NamedTuple):
@@ -42,32 +46,31 @@ class SkillPlan(NamedTuple):
         return None, step
 
 
-def read_plan(text: str, codebook_size: int) -> SkillPlan:
-    """Read a plan such as "14", "14*20,2*20" or "?*10,14*10,?".
+def read_plan(text: str, find_code: Callable[[str], int]) -> SkillPlan:
+    """Read a plan such as "14", "14*20,2*20", "red ball*20" or "?*10,14*10,?".
 
     Args:
-        text: Phases `CODE*STEPS` separated by commas; `CODE` is a number or `?`. The last one may leave out `*STEPS`
-            and then lasts to the end of the episode.
-        codebook_size: K; codes are below it.
+        text: Phases `CODE*STEPS` separated by commas; `CODE` is a number, a name or `?`. The last one may leave out
+            `*STEPS` and then lasts to the end of the episode.
+        find_code: The code that a number or name means; raises `UserError` if there is none.
 
     Raises:
         UserError: It is no plan, or there is no such code.
     """
+    shown = text if len(text) <= 80 else f"{text[:77]}..."
     parts = [part.strip() for part in text.split(",")]
-    text = text if len(text) <= 80 else f"{text[:80]}..."  # in messages
-    phases = tuple(_read_phase(part, text, codebook_size) for part in parts)
+    phases = tuple(_read_phase(part, shown, find_code) for part in parts)
     if endless := next((part for part, phase in zip(parts[:-1], phases, strict=False) if phase.steps is None), None):
-        raise UserError(f"skill plan {text!r}: nothing can follow {endless!r}, which has no end: {_EXAMPLE}")
+        raise UserError(f"skill plan {shown!r}: nothing can follow {endless!r}, which has no end: {_EXAMPLE}")
     return SkillPlan(phases)
 
 
-def _read_phase(part: str, text: str, codebook_size: int) -> Phase:
+def _read_phase(part: str, text: str, find_code: Callable[[str], int]) -> Phase:
     found = _PART.fullmatch(part)
     if not found or (found[2] and int(found[2]) == 0):
-        raise UserError(f"skill plan {text!r}: {part[:20]!r} is no part of a plan: {_EXAMPLE}")
-    code = None if found[1] == PREDICTOR else int(found[1])
-    if code is not None and code >= codebook_size:
-        raise UserError(
-            f"skill plan {text!r}: there is no skill code {code}; this policy has codes 0 to {codebook_size - 1}"
-        )
+        raise UserError(f"skill plan {text!r}: {part[:80]!r} is no part of a plan: {_EXAMPLE}")
+    try:
+        code = None if found[1] == PREDICTOR else find_code(found[1])
+    except UserError as error:
+        raise UserError(f"skill plan {text!r}: {error}") from error
     return Phase(code, int(found[2]) if found[2] else None)

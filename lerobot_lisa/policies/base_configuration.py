@@ -55,9 +55,13 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             for "words", which starts from nothing.
         scheduler: "constant" or "cosine" (to zero at the last step), both after a linear warm-up.
         scheduler_warmup_steps: Length of the warm-up.
+        ask_observations: Words and skill codes ask the parts of what is seen, such as a grid's cells or a picture's
+            patches, by name where symbols have names. The paper's networks see every frame as one vector: false.
+        augment: Train on changed episodes where a dataset names its world's symmetries (`episodes/symmetries.py`).
         language_model: Architecture of the pretrained language encoder; filled in, so that a checkpoint needs no
             download.
         vocabulary: Words of the training instructions; filled in from the dataset, as are the following.
+        lexicon: Names of things and phrases of the training instructions, with their token ids.
         action_classes: Number of different actions of a categorical action, 0 for real numbers; filled in.
         max_timesteps: Length of the longest training episode; a rollout looks back this far.
     """
@@ -72,6 +76,9 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     pretrained_backbone_weights: str | None = None
     ignored_action_dimensions: list[int] | None = None
     feature_info: dict[str, dict[str, Any]] | None = None
+
+    ask_observations: bool = True
+    augment: bool = True
 
     action_head: str = "mean"
     action_amplification: float = 1.0
@@ -107,6 +114,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
 
     language_model: dict[str, Any] | None = None
     vocabulary: list[str] = field(default_factory=list)
+    lexicon: dict[str, list[int]] = field(default_factory=dict)
     action_classes: int | None = None
     max_timesteps: int | None = None
 
@@ -174,7 +182,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         )
         action = math.prod(self.action_feature.shape) if self.action_feature else 1
         drawn = (self.action_classes or 0) + action * max(self.action_bins, 3 * self.action_components)
-        rows = 2 * seen + drawn + len(self.vocabulary) + (self.max_timesteps or 1)
+        rows = 2 * seen + drawn + len(self.vocabulary) + len(self.lexicon) + (self.max_timesteps or 1)
         layers = sum(getattr(self, f.name) for f in fields(self) if f.name.startswith("n_") and "layers" in f.name)
         return self.dim_model * rows + 12 * self.dim_model**2 * layers
 

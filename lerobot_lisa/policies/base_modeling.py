@@ -21,13 +21,23 @@ from torch import Tensor
 from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.store import EpisodeStore
+from lerobot_lisa.episodes.symmetries import Symmetries, Told, symmetry_words
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.feature_info import KEY, check_feature_info
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
-from lerobot_lisa.policies.base_processor import Stats, build_vocabulary, make_normalizer
+from lerobot_lisa.policies.base_processor import (
+    Stats,
+    build_vocabulary,
+    make_normalizer,
+    make_tokenizer,
+    plain_ids,
+    split_words,
+)
+from lerobot_lisa.policies.lexicon import build_lexicon, symbol_words
 from lerobot_lisa.policies.model_card import make_model_card
+from lerobot_lisa.policies.parts import named_symbols
 from lerobot_lisa.policies.renaming import renamed_features
 
 if TYPE_CHECKING:
@@ -79,6 +89,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self.network = self.make_network(self._action_bounds(dataset_stats))
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
+        self._symmetries = find_symmetries(config, dataset_meta.features) if dataset_meta and config.augment else None
         self._store: EpisodeStore | None = None
         self._history: Any = None
         self._instructions: list[Any] = []
@@ -115,9 +126,12 @@ class EpisodePolicy(PreTrainedPolicy):
         """
         self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
         frames, packing = self.gather(batch)
-        actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
+        tokens, tokens_valid = _words(batch)
         with _drawing_from(batch, self._device) if self.training else nullcontext():
-            outputs, extra_loss, metrics = self.predict(*_words(batch), observations, actions, packing)
+            if self.training and self._symmetries is not None:
+                frames, tokens = self._symmetries(Told(frames, tokens), packing)
+            actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
+            outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, observations, actions, packing)
         head = self.network.head
         action_loss = packing.mean(head.loss(outputs, actions))  # (B,)
         metrics = {**metrics, "action_loss": action_loss.mean(), **head.metrics(outputs.detach(), actions)}
@@ -202,6 +216,19 @@ class EpisodePolicy(PreTrainedPolicy):
         return next(self.parameters()).device
 
     # Rollouts.
+
+    @property
+    def looks(self) -> dict[str, Tensor] | None:
+        """Where skill code (LISA) or words (Lang-DT) looked in the newest observation, (B, places) for each feature.
+
+        Places are a grid's cells or a picture's patches, row by row as the feature's shape has them; what is missing to
+        1 for each question looked at nothing. None before the first step, and if nothing is asked.
+        """
+        looks = None if self._history is None else self._history.looks
+        if looks is None:
+            return None
+        places = self.network.observations.places
+        return dict(zip(places, looks.split(list(places.values()), dim=1), strict=True))
 
     def reset(self) -> None:
         """Forget the rollout: the next observation is an episode's first."""
@@ -311,9 +338,23 @@ def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") ->
     named = (*(config.input_features or {}), ACTION)  # `--rename_map` gives some other names than the dataset's
     starts, stops = check_metadata(meta, [key for key in named if key in meta.features])
     config.set_dataset_statistics(meta.stats, int((stops - starts).max()))
+    tasks = [str(task) for task in meta.tasks.index]
     if config.language_encoder == WORDS and not config.vocabulary:
-        config.vocabulary = build_vocabulary(str(task) for task in meta.tasks.index)
+        config.vocabulary = build_vocabulary(tasks)
         logging.info("%s: vocabulary of %d words", config.type, len(config.vocabulary))
+    if not config.lexicon:
+        symbols = [spoken for spoken in named_symbols(config).values() if spoken]
+        names = [word for spoken in symbols for word in symbol_words(spoken)] + symmetry_words(meta.features)
+        tokenizer = make_tokenizer(config)
+        config.lexicon = build_lexicon(map(split_words, tasks), names, lambda text: plain_ids(tokenizer, text))
+
+
+def find_symmetries(config: EpisodePolicyConfig, features: dict[str, dict[str, Any]]) -> Symmetries | None:
+    """Those that one of the policy's features names."""
+    for key in config.input_features or {}:
+        if (features.get(key, {}).get("info") or {}).get("symmetries"):
+            return Symmetries(key, features, {word: ids[0] for word, ids in config.lexicon.items() if len(ids) == 1})
+    return None
 
 
 def _words(batch: Mapping[str, Any]) -> tuple[Tensor, Tensor]:

@@ -36,18 +36,22 @@ REMEMBERED = 200_000  # instructions whose token ids are kept
 def make_pipelines(config: EpisodePolicyConfig, dataset_stats: Stats | None = None) -> Pipelines:
     """Rename, batch, tokenise the instruction, move to the device, normalise; and back for actions."""
     steps = make_default_policy_processor_steps(config, dataset_stats)
-    words = config.language_encoder == WORDS
-    tokenizer = word_tokenizer(config.vocabulary) if words else pretrained_tokenizer(config.language_encoder)
     return make_policy_processor_pipelines(
         input_steps=[
             steps.rename_observations,
             steps.add_batch_dim,
-            InstructionStep(tokenizer),
+            InstructionStep(make_tokenizer(config)),
             steps.to_device,
             steps.normalize,
         ],
         output_steps=[steps.unnormalize, steps.to_cpu],
     )
+
+
+def make_tokenizer(config: EpisodePolicyConfig) -> Tokenizer:
+    """The built-in encoder's or a pretrained one's."""
+    words = config.language_encoder == WORDS
+    return word_tokenizer(config.vocabulary) if words else pretrained_tokenizer(config.language_encoder)
 
 
 def make_normalizer(config: EpisodePolicyConfig, dataset_stats: Stats | None) -> NormalizerProcessorStep:
@@ -57,11 +61,11 @@ def make_normalizer(config: EpisodePolicyConfig, dataset_stats: Stats | None) ->
 
 def build_vocabulary(instructions: Iterable[str], limit: int = 10_000) -> list[str]:
     """Words of a set of instructions, the most frequent `limit` of them, in alphabetical order."""
-    counts = Counter(word for text in instructions for word in _words(text))
+    counts = Counter(word for text in instructions for word in split_words(text))
     return sorted(word for word, _ in counts.most_common(limit))
 
 
-def _words(text: str) -> list[str]:
+def split_words(text: str) -> list[str]:
     """Split as `word_tokenizer` does: Python's `lower` and `\\w` differ from its in several scripts."""
     lower = normalizers.Lowercase().normalize_str(text)
     return [word for word, _ in pre_tokenizers.Whitespace().pre_tokenize_str(lower)]
@@ -74,6 +78,12 @@ def word_tokenizer(vocabulary: list[str]) -> Tokenizer:
     tokenizer.normalizer = normalizers.Lowercase()
     tokenizer.pre_tokenizer = pre_tokenizers.Whitespace()
     return tokenizer
+
+
+def plain_ids(tokenizer: Tokenizer, text: str) -> list[int]:
+    """Token ids of a name or phrase, without what an encoder wants around a sentence."""
+    ids: list[int] = tokenizer.encode(text, add_special_tokens=False).ids
+    return ids
 
 
 def pretrained_tokenizer(name: str) -> Tokenizer:

@@ -38,5 +38,6 @@ class OldFields:
     layers: Any = field(init=False, repr=False, default=_Old("n_layers"))
     predictor_layers: Any = field(init=False, repr=False, default=_Old("n_predictor_layers"))
     policy_layers: Any = field(init=False, repr=False, default=_Old("n_policy_layers"))
+    continuous_skills: Any = field(init=False, repr=False, default=_Old("quantizer=continuous"))
     image_backbone: Any = field(init=False, repr=False, default=_Old("vision_backbone"))
     image_backbone_weights: Any = field(init=False, repr=False, default=_Old("pretrained_backbone_weights"))

@@ -1,6 +1,6 @@
 """Build the network parts that both policies share from a policy's settings."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -10,29 +10,67 @@ from torch import Tensor, nn
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
 from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
-from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
+from lerobot_lisa.networks.observations import AskingSpec, ObservationEncoder, ObservationSpec
+from lerobot_lisa.networks.parts import PartAttention
 from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead
 from lerobot_lisa.policies.base_configuration import SYMBOLS, WORDS, EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import missing_language_encoder
+from lerobot_lisa.policies.lexicon import Symbols, symbol_names, symbol_words, symbols_of
 
 MOST_PARAMETERS = 2_000_000_000  # of a language encoder
 KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VISUAL: "image"}
 
 
-def make_observation_encoder(config: EpisodePolicyConfig) -> ObservationEncoder:
+def make_observation_encoder(config: EpisodePolicyConfig, language: LanguageEncoder) -> ObservationEncoder:
     """One encoder over all of the policy's observation features.
 
     Raises:
         UserError: The image backbone is unknown or does not fit the images.
     """
+    named = named_symbols(config)
     specs = {
-        key: ObservationSpec(KINDS[feature.type], tuple(feature.shape), SYMBOLS)  # type: ignore[arg-type]
+        key: ObservationSpec(
+            KINDS[feature.type],  # type: ignore[arg-type]
+            tuple(feature.shape),
+            SYMBOLS,
+            None if (spoken := named[key]) is None else symbol_names(spoken, thing_names(config)),
+        )
         for key, feature in (config.input_features or {}).items()
     }
+    asking = AskingSpec(language.encoder.width, config.dim_model // 2, language.encoder.whole)
     try:
-        return ObservationEncoder(specs, config.dim_model, config.vision_backbone, config.pretrained_backbone_weights)
+        return ObservationEncoder(
+            specs,
+            config.dim_model,
+            config.vision_backbone,
+            config.pretrained_backbone_weights,
+            asking if config.ask_observations else None,
+        )
     except (ValueError, KeyError) as error:  # torchvision's words for an unknown model or weights
         raise UserError(f"--policy.vision_backbone={config.vision_backbone}: {error}") from error
+
+
+def named_symbols(config: EpisodePolicyConfig) -> dict[str, Symbols | None]:
+    """What the symbols of each observation feature are called; None for those without names."""
+    info = config.feature_info or {}
+    return {
+        key: symbols_of(key, feature.shape, info.get(key, {})) if feature.type is FeatureType.ENV else None
+        for key, feature in (config.input_features or {}).items()
+    }
+
+
+def thing_names(config: EpisodePolicyConfig) -> list[str]:
+    """What symbols are called, as far as instructions speak of it."""
+    words = [word for symbols in named_symbols(config).values() if symbols for word in symbol_words(symbols)]
+    return [word for word in dict.fromkeys(words) if word in config.lexicon]
+
+
+def make_part_attention(config: EpisodePolicyConfig, language: LanguageEncoder, asked: int) -> PartAttention | None:
+    """Questions of width `asked` to the parts of what is seen; None if the configuration wants none."""
+    if not config.ask_observations:
+        return None
+    width = config.dim_model
+    return PartAttention(asked, language.encoder.width, width // 2, width, width, language.encoder.whole)
 
 
 def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
@@ -55,20 +93,22 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
     A new policy takes a pretrained encoder's weights from the Hub or a folder and notes its architecture in
     `config.language_model`; a loaded one builds from that note and gets its weights from the checkpoint.
     """
+    names = [config.lexicon[name] for name in thing_names(config)]
     if config.language_encoder == WORDS:
-        return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.dim_model), config.dim_model)
+        return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.dim_model), config.dim_model, names)
     if config.language_model is None:
         model = _fetch(config.language_encoder)
         config.language_model = _jsonable(model.config.to_dict())
     else:
         model = _rebuild(config.language_model)
     encoder = PretrainedEncoder(model, config.freeze_language_encoder)
-    return LanguageEncoder(encoder, config.dim_model)
+    return LanguageEncoder(encoder, config.dim_model, names)
 
 
-def parameter_group(name: str, modules: list[nn.Module], rate: float) -> dict[str, Any]:
+def parameter_group(name: str, modules: Sequence[nn.Module | None], rate: float) -> dict[str, Any]:
     """What the optimiser gets for modules that learn at the same rate."""
-    return {"name": name, "params": list(nn.ModuleList(modules).parameters()), "lr": rate}
+    there = nn.ModuleList(module for module in modules if module is not None)
+    return {"name": name, "params": list(there.parameters()), "lr": rate}
 
 
 def _fetch(name: str) -> Any:
@@ -86,6 +126,8 @@ def _fetch(name: str) -> Any:
             f"language encoder {name}: a {type(model).__name__} cannot read instructions alone: choose an encoder of "
             "text, such as DistilBERT, T5's encoder or CLIP's text model"
         ) from error
+    for parameter in model.parameters():  # mapped from a file, at any address, products differ in the last digit
+        parameter.data = parameter.data.clone()
     return model
 
 

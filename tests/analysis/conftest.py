@@ -16,7 +16,7 @@ def lisa(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def continuous_skills(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a LISA checkpoint without codes, for BabyAI's features."""
-    return tiny_checkpoints.lisa(symbolic, tmp_path_factory.mktemp("continuous_skills"), continuous_skills=True)
+    return tiny_checkpoints.lisa(symbolic, tmp_path_factory.mktemp("continuous_skills"), quantizer="continuous")
 
 
 @pytest.fixture(scope="session")

@@ -108,7 +108,7 @@ def test_a_folder_of_something_else_is_left_alone(lisa: Path, tmp_path: Path) ->
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-@pytest.mark.parametrize("mistake", [{"task": "GoToLocl"}, {"policy": ["--code_width=8"]}])
+@pytest.mark.parametrize("mistake", [{"task": "GoToLocl"}, {"policy": ["--codebook_size=8"]}])
 def test_a_mistake_leaves_nothing_behind(mistake: dict[str, Any], lisa: Path, tmp_path: Path) -> None:
     wrong = config(lisa, **{"task": "GoToLocal", **{key: mistake[key] for key in mistake if key == "task"}})
     wrong.policy = load_config(str(lisa), mistake.get("policy", []))

@@ -47,7 +47,7 @@ def test_the_numbers_are_those_of_the_trace(made: Path) -> None:
     steps = pd.read_parquet(made / "trace" / STEPS_FILE)
     chosen = steps[steps["step"] % tiny_checkpoints.HORIZON == 0]["code"].value_counts()
     usage = pd.read_csv(made / "figures" / "code_usage.csv").set_index("skill_code")["choices"]
-    assert usage[usage > 0].to_dict() == chosen.to_dict()
+    assert {int(label.split()[0]): times for label, times in usage[usage > 0].items()} == chosen.to_dict()
     episodes = pd.read_parquet(made / "trace" / EPISODES_FILE)
     overall = pd.read_csv(made / "figures" / "success_overall.csv").iloc[0]
     assert (overall["successes"], overall["episodes"]) == (episodes["success"].sum(), 3)

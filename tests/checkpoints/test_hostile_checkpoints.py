@@ -164,7 +164,7 @@ def replaced(change: Callable[[torch.Tensor], torch.Tensor]) -> Change:
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        (lambda tensors: [tensors.pop(name) for name in list(tensors) if "policy" in name], r"lacks \d+ of \d+"),
+        (lambda tensors: [tensors.pop(name) for name in list(tensors) if "action_pre" in name], r"lacks \d+ of \d+"),
         (lambda tensors: tensors.pop(first_weight(tensors)), r"lacks 1 of \d+ weights"),
         (lambda tensors: [tensors.update({f"module.{name}": tensors.pop(name)}) for name in list(tensors)], "lacks"),
         (lambda tensors: tensors.update(evil=torch.zeros(1000)), r"has 1 weights that the policy does not \(evil\)"),

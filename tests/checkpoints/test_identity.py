@@ -20,7 +20,7 @@ def test_a_copy_is_the_same_checkpoint(lisa: Path, copy: Copy) -> None:
 def test_every_part_counts(part: str, lisa: Path, copy: Copy) -> None:
     if part == "policy":
         copy.edit_tensors(
-            "model.safetensors", lambda tensors: tensors["network.codebook.quantizer._codebook.embed"].mul_(2)
+            "model.safetensors", lambda tensors: tensors["network.quantizer.quantizers.0._codebook.embed"].mul_(2)
         )
     elif part == "statistics":
         copy.edit_tensors("*_unnormalizer_processor*", lambda tensors: tensors["action.mean"].add_(1))

@@ -27,7 +27,9 @@ def frame() -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize("settings", [{}, {"shared_observation_encoder": True}, {"continuous_skills": True}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"shared_observation_encoder": True}, {"quantizer": "continuous"}, {"copy_words": False}]
+)
 def test_the_policy_acts_as_lerobots(settings: dict[str, bool], symbolic: Path, tmp_path: Path) -> None:
     folder = tiny_checkpoints.lisa(symbolic, tmp_path / "lisa", **settings)
     theirs = get_policy_class("lisa").from_pretrained(folder)
@@ -105,7 +107,7 @@ def test_numbers_of_the_training_steps_may_come_and_go(copy: Copy) -> None:
 
 def test_weights_that_do_not_fit_an_override(lisa: Path) -> None:
     with pytest.raises(UserError, match=r"model\.safetensors: .* leave out --policy options that change the network"):
-        load_checkpoint(load_config(str(lisa), ["--code_width=8"]))
+        load_checkpoint(load_config(str(lisa), ["--codebook_size=8"]))
 
 
 def test_a_policy_of_another_world(lisa: Path) -> None:

@@ -66,7 +66,7 @@ def test_the_card_names_paper_and_licence_and_a_few_instructions(trained: Path, 
     assert "arxiv.org/abs/2203.00054" in card
     assert f"lerobot-eval --policy.path={REPO}" in card
     assert "local/tiny" in card
-    shown = [text for text in set(tiny_datasets.INSTRUCTIONS) if f"- {text}\n" in card]
+    shown = [text for text in set(tiny_datasets.INSTRUCTIONS) if f"- `{text}`\n" in card]
     assert 3 <= len(shown) <= 5
 
 

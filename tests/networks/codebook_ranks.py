@@ -6,7 +6,7 @@ import torch
 import torch.distributed
 from tiny_networks import WIDTH, codebook
 
-from lerobot_lisa.networks.codebook import Codebook
+from lerobot_lisa.networks.quantizers import Codebook
 
 STEPS, RANKS = 30, 2
 
@@ -40,6 +40,6 @@ def states_of(trained: Codebook, rank: int) -> list[dict[str, torch.Tensor]]:
     states = []
     trained.train()
     for step in range(STEPS):
-        trained(batch(step, rank))
+        trained(batch(step, rank)[:, None])
         states.append({key: value.clone() for key, value in trained.state_dict().items()})
     return states

@@ -59,9 +59,9 @@ def test_the_present_and_the_past_do_matter(network: EpisodeNetwork) -> None:
 
 def embeddings(what: Batch) -> Tensor:
     """What LISA's skill predictor says at every chunk, before quantising: finer than codes."""
-    language = LISA.language(what.tokens, what.valid)
-    seen = LISA.predictor_observations(what.observations)
-    return LISA.predictor(language, what.valid, seen, what.packing, HORIZON)
+    instruction = LISA.language(what.tokens, what.valid)
+    seen = LISA._ask_words(LISA._look(what.observations)[1], instruction, what.packing.sequence)
+    return LISA.predictor(instruction.tokens, what.valid, seen, what.packing, HORIZON)
 
 
 def test_the_skill_predictor_sees_all_of_the_past_and_none_of_the_future() -> None:
@@ -85,8 +85,10 @@ def test_the_skill_predictor_does_not_look_at_actions() -> None:
 
 
 def chunk_logits(codes: Tensor, what: Batch) -> Tensor:
-    prefix = LISA.skill_embedding(LISA.codebook.embed(codes))[:, None]
-    return LISA.policy(prefix, None, LISA.observations(what.observations), what.actions, what.packing.split(HORIZON))
+    skills, chunks = LISA.quantizer.embed(codes), what.packing.split(HORIZON)
+    prefix = LISA.skill_embedding(skills)
+    seen, _ = LISA._ask_skill(LISA._look(what.observations)[0], skills, prefix, chunks.sequence)
+    return LISA.action_predictor(prefix, None, seen, what.actions, chunks)
 
 
 def test_logits_depend_on_the_code_and_the_chunk_alone() -> None:
@@ -101,7 +103,7 @@ def test_logits_depend_on_the_code_and_the_chunk_alone() -> None:
         for key in others.observations:
             others.observations[key][own] = what.observations[key][own]
         others.actions[own] = what.actions[own]
-        other_codes = (codes + 1) % LISA.codebook.size
+        other_codes = (codes + 1) % LISA.quantizer.n_codes
         other_codes[chunk] = codes[chunk]
 
         mixed = chunk_logits(other_codes, others)
@@ -141,7 +143,7 @@ def test_instruction_tokens_see_no_observation(network: EpisodeNetwork) -> None:
     """Otherwise what is remembered of the instruction at a rollout's start would differ from training."""
     what = batch([2 * HORIZON])
     other = with_other_future(what, 0, 0)
-    transformer = network.policy.transformer if network is LANG_DT else network.predictor.transformer
+    transformer = network.action_predictor.transformer if network is LANG_DT else network.predictor.transformer
     words = what.tokens.shape[1]
 
     before = captured(transformer, lambda: run(network, what))

@@ -7,10 +7,10 @@ import torch
 from codebook_ranks import RANKS, STEPS, batch, run
 from tiny_networks import codebook
 
-from lerobot_lisa.networks.codebook import Codebook
+from lerobot_lisa.networks.quantizers import Codebook
 
 State = dict[str, torch.Tensor]
-CODES = "quantizer._codebook.embed"
+CODES = "quantizers.0._codebook.embed"
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def started() -> Codebook:
     """A codebook whose codes k-means has placed."""
     torch.manual_seed(0)
     alone = codebook(dead_code_threshold=0).train()
-    alone(batch(STEPS, 0))
+    alone(batch(STEPS, 0)[:, None])
     return alone
 
 
@@ -42,6 +42,6 @@ def test_both_have_the_same_codes(kind: str, together: list[dict[str, list[State
 
 def test_they_are_one_process_with_the_joint_batch(started: Codebook, together: list[dict[str, list[State]]]) -> None:
     for step, state in enumerate(together[0]["continued"]):
-        started(torch.cat([batch(step, rank) for rank in range(RANKS)]))
+        started(torch.cat([batch(step, rank) for rank in range(RANKS)])[:, None])
         for key, value in started.state_dict().items():
             torch.testing.assert_close(state[key], value, atol=1e-5, rtol=1e-5)

@@ -53,20 +53,41 @@ def encoders() -> dict[str, nn.Module]:
 @pytest.mark.parametrize("kind", ["words", "fine-tuned", "frozen"])
 def test_padding_and_company_change_nothing(kind: str) -> None:
     encoder = encoders()[kind]
-    out = encoder(TOKENS, VALID)
-    assert out.shape == (3, 3, 6)
-
+    both = encoder(TOKENS, VALID)
     wider = encoder(F.pad(TOKENS, (0, 2), value=5), F.pad(VALID, (0, 2)))
-    torch.testing.assert_close(out[VALID], wider[:, :3][VALID])
+    for out, out_wider in zip(both, wider, strict=True):  # tokens in context, and phrases
+        assert out.shape == (3, 3, 6)
+        torch.testing.assert_close(out[VALID], out_wider[:, :3][VALID])
     for row in range(3):
         alone = encoder(TOKENS[row : row + 1, : VALID[row].sum()], VALID[row : row + 1, : VALID[row].sum()])
-        torch.testing.assert_close(out[row][VALID[row]], alone[0])
+        for out, out_alone in zip(both, alone, strict=True):
+            torch.testing.assert_close(out[row][VALID[row]], out_alone[0])
+
+
+@pytest.mark.parametrize("kind", ["words", "fine-tuned", "frozen"])
+def test_names_lie_where_phrases_do(kind: str) -> None:
+    """A name of two words is what an instruction that ends with them says there, for word embeddings exactly."""
+    language = LanguageEncoder(encoders()[kind], 8, [[4], [4, 2], [7, 7, 3]]).eval()
+
+    names = language.names()
+
+    assert names.shape == (3, 6)
+    if kind == "words":
+        torch.testing.assert_close(names[1], language(TOKENS, VALID).phrases[0, 1])
+        torch.testing.assert_close(names[0], language(TOKENS, VALID).phrases[0, 0])
+    else:
+        alone = language(torch.tensor([[4, 2]]), torch.ones(1, 2, dtype=torch.bool)).phrases[0]
+        torch.testing.assert_close(names[1], alone.mean(0))
+
+
+def test_no_names() -> None:
+    assert LanguageEncoder(WordEncoder(10, 6), 8).names().shape == (0, 6)
 
 
 @pytest.mark.parametrize("kind", ["words", "fine-tuned", "frozen"])
 def test_word_order_or_context_matters(kind: str) -> None:
     encoder = encoders()[kind]
-    out = encoder(TOKENS, VALID)
+    out, _ = encoder(TOKENS, VALID)
 
     assert not torch.allclose(out[0, 0], out[2, 0])  # the same first word, another instruction
 
@@ -75,8 +96,8 @@ def test_a_frozen_encoder_is_asked_once_per_instruction() -> None:
     model = Model()
     encoder = PretrainedEncoder(model, frozen=True).train()
 
-    first = encoder(TOKENS, VALID)
-    again = encoder(TOKENS[[2, 0, 0, 1]], VALID[[2, 0, 0, 1]])
+    first, _ = encoder(TOKENS, VALID)
+    again, _ = encoder(TOKENS[[2, 0, 0, 1]], VALID[[2, 0, 0, 1]])
 
     assert model.asked == 3
     assert torch.equal(first[[2, 0, 0, 1]][VALID[[2, 0, 0, 1]]], again[VALID[[2, 0, 0, 1]]])
@@ -91,11 +112,11 @@ def test_a_frozen_encoders_answers_do_not_depend_on_company() -> None:
     model = SimpleModel(layer)
     together, alone = PretrainedEncoder(model, frozen=True), PretrainedEncoder(model, frozen=True)
 
-    out = together(TOKENS, VALID)
+    out, _ = together(TOKENS, VALID)
 
     for row in range(3):
         words = int(VALID[row].sum())
-        assert torch.equal(out[row, :words], alone(TOKENS[row : row + 1], VALID[row : row + 1])[0, :words])
+        assert torch.equal(out[row, :words], alone(TOKENS[row : row + 1], VALID[row : row + 1])[0][0, :words])
 
 
 def test_a_frozen_encoder_forgets_the_least_recent() -> None:
@@ -112,9 +133,9 @@ def test_a_fine_tuned_encoder_has_dropout_and_gradients() -> None:
     model = Model()
     encoder = PretrainedEncoder(model, frozen=False).train()
 
-    out = encoder(TOKENS, VALID)
+    out, _ = encoder(TOKENS, VALID)
 
-    assert not torch.equal(out, encoder(TOKENS, VALID))
+    assert not torch.equal(out, encoder(TOKENS, VALID)[0])
     out.sum().backward()
     assert model.embedding.weight.grad is not None
 
@@ -129,4 +150,4 @@ def test_a_fine_tuned_encoder_reads_each_instruction_of_a_batch_once() -> None:
 def test_every_token_is_kept() -> None:
     encoder = LanguageEncoder(WordEncoder(10, 6), 8)
 
-    assert encoder(TOKENS, VALID).shape == (3, 3, 8)
+    assert encoder(TOKENS, VALID).tokens.shape == (3, 3, 8)

@@ -4,24 +4,32 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tiny_networks import Batch, batch, lang_dt, lisa, run
+from tiny_networks import WIDTH, Batch, batch, codebook, lang_dt, lisa, run
 from torch import Tensor
 
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.quantizers import FiniteScalars, ResidualCodebook
 from lerobot_lisa.networks.transformer import Memory
 
 HORIZON = 3
 NETWORKS = {
     "lisa": lisa(HORIZON),
     "lisa_shared_encoder": lisa(HORIZON, shared=True),
+    "lisa_as_in_the_paper": lisa(HORIZON, asking=False, copying=False),
+    "lisa_copying_only": lisa(HORIZON, asking=False),
+    "lisa_asking_only": lisa(HORIZON, copying=False),
+    "lisa_two_parts": lisa(HORIZON, quantizer=codebook(size=3, code_width=None, parts=2)),
+    "lisa_residual": lisa(HORIZON, quantizer=ResidualCodebook(WIDTH, 3, None, 0.99, 0.25, 1.0, 2)),
+    "lisa_finite_scalars": lisa(HORIZON, quantizer=FiniteScalars(WIDTH, [3, 3])),
     "lisa_continuous": lisa(HORIZON, categorical=False),
     "lisa_windowed": lisa(HORIZON, window=5),
     "lisa_deep": lisa(HORIZON, window=5, layers=2),
     "lisa_horizon_1": lisa(1),
     "lisa_horizon_1_windowed": lisa(1, window=2),
     "lang_dt": lang_dt(),
+    "lang_dt_as_in_the_paper": lang_dt(asking=False),
     "lang_dt_continuous": lang_dt(categorical=False),
     "lang_dt_windowed": lang_dt(window=4),
     "lang_dt_window_of_one": lang_dt(window=1, layers=1),

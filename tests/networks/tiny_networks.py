@@ -7,20 +7,25 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
-from lerobot_lisa.networks.codebook import Codebook
+from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.language import LanguageEncoder, WordEncoder
 from lerobot_lisa.networks.lisa import Lisa
-from lerobot_lisa.networks.observations import ObservationEncoder, ObservationSpec
+from lerobot_lisa.networks.observations import AskingSpec, ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.parts import PartAttention
+from lerobot_lisa.networks.quantizers import Codebook, Quantizer
 from lerobot_lisa.networks.real_actions import MeanHead
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
+from lerobot_lisa.networks.symbols import SymbolNames
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
 
 WIDTH, HEADS, CODES, WORDS, CLASSES = 16, 2, 5, 12, 4
-SPECS = {"grid": ObservationSpec("symbols", (6,), 8), "state": ObservationSpec("state", (3,))}
+NAMES = [[3], [4], [5], [6, 7], [8]]  # token ids: four kinds of thing, the last but one of two words, and a color
+THINGS = SymbolNames(((-1, -1, 0, 1, 2, 3), (4,)))  # symbols 2 to 5 of a cell's first channel are things
+SPECS = {"grid": ObservationSpec("symbols", (6,), 8, THINGS), "state": ObservationSpec("state", (3,))}
 
 
 @dataclass
@@ -63,44 +68,85 @@ def batch(lengths: list[int], categorical: bool = True, seed: int = 0) -> Batch:
     )
 
 
-def lisa(horizon: int = 3, window: int = 100, categorical: bool = True, layers: int = 1, shared: bool = False) -> Lisa:
+def lisa(
+    horizon: int = 3,
+    window: int = 100,
+    categorical: bool = True,
+    layers: int = 1,
+    shared: bool = False,
+    asking: bool = True,
+    copying: bool = True,
+    quantizer: Quantizer | None = None,
+) -> Lisa:
     """LISA without dropout, in evaluation mode, with a codebook that has seen data."""
     torch.manual_seed(1)
     transformer = CausalTransformer(WIDTH, layers, HEADS, 0.0, window=window)
-    predictor = SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH)
+    parts = len(quantizer.sizes) if isinstance(quantizer, Codebook) else 1
+    source = PhraseCopier(WIDTH, WIDTH, parts) if copying else OwnNumbers(WIDTH, parts)
     network = Lisa(
-        LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH),
-        ObservationEncoder(SPECS, WIDTH),
-        predictor,
-        codebook(),
-        nn.Linear(WIDTH, WIDTH),
-        _policy(categorical, TimestepEmbedding(horizon, WIDTH), CausalTransformer(WIDTH, layers, HEADS, 0.0)),
-        horizon,
-        None if shared else ObservationEncoder(SPECS, WIDTH),
+        language=LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES),
+        observations=observations(asking),
+        predictor=SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH),
+        source=source,
+        quantizer=quantizer or codebook(code_width=None if copying else 4),
+        skill_embedding=nn.Linear(WIDTH, WIDTH),
+        action_predictor=_policy(
+            categorical, TimestepEmbedding(horizon, WIDTH), CausalTransformer(WIDTH, layers, HEADS, 0.0)
+        ),
+        horizon=horizon,
+        predictor_observations=None if shared else observations(asking),
+        asks_words=attention() if asking else None,
+        asks_skill=attention() if asking else None,
     )
     warm_up = batch([4 * horizon + 1] * 8, categorical, seed=99)
     run(network, warm_up)
     return network.eval()
 
 
-def lang_dt(window: int = 100, categorical: bool = True, layers: int = 2, waste: float = 0.15) -> LangDT:
+def lang_dt(
+    window: int = 100, categorical: bool = True, layers: int = 2, waste: float = 0.15, asking: bool = True
+) -> LangDT:
     """Lang-DT without dropout, in evaluation mode; `window` counts steps."""
     torch.manual_seed(1)
     transformer = CausalTransformer(WIDTH, layers, HEADS, 0.0, window=2 * window)
     policy = _policy(categorical, TimestepEmbedding(window, WIDTH), transformer)
-    language = LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH)
-    return LangDT(language, ObservationEncoder(SPECS, WIDTH), policy, waste).eval()
+    language = LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES)
+    return LangDT(language, observations(asking), policy, waste, attention() if asking else None).eval()
 
 
-def codebook(size: int = CODES, width: int = WIDTH, decay: float = 0.99, dead_code_threshold: float = 1.0) -> Codebook:
-    """A codebook of 4 numbers per code."""
+def observations(asking: bool = True) -> ObservationEncoder:
+    """Of a grid of three cells with two symbols each, and a state."""
+    return ObservationEncoder(SPECS, WIDTH, asking=AskingSpec(WIDTH, WIDTH // 2) if asking else None)
+
+
+def attention() -> PartAttention:
+    """Whose questions have left their starting point: at first they are the words as they are."""
+    asks = PartAttention(WIDTH, WIDTH, WIDTH // 2, WIDTH, WIDTH)
+    for layer in (asks.question, asks.nothing):
+        nn.init.normal_(layer.weight, std=0.1)
+        nn.init.normal_(layer.bias, std=0.1)
+    return asks
+
+
+def codebook(
+    size: int = CODES,
+    width: int = WIDTH,
+    decay: float = 0.99,
+    dead_code_threshold: float = 1.0,
+    code_width: int | None = 4,
+    parts: int = 1,
+    warmup_steps: int = 0,
+) -> Codebook:
+    """A small codebook."""
     return Codebook(
         width=width,
         size=size,
-        code_width=4,
+        code_width=code_width,
         decay=decay,
         commitment_weight=0.25,
         dead_code_threshold=dead_code_threshold,
+        parts=parts,
+        warmup_steps=warmup_steps,
     )
 
 

@@ -6,18 +6,22 @@ from lerobot.configs import FeatureType, PolicyFeature
 
 from lerobot_lisa import LisaConfig
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.parts import make_observation_encoder
+from lerobot_lisa.policies.parts import make_language_encoder, make_observation_encoder
 
 
 def config(channels: int, **settings: str) -> LisaConfig:
     image = PolicyFeature(FeatureType.VISUAL, (channels, 64, 64))
-    return LisaConfig(device="cpu", input_features={"observation.image": image}, **settings)
+    return LisaConfig(device="cpu", language_encoder="words", input_features={"observation.image": image}, **settings)
 
 
 def test_a_resnet_embeds_images() -> None:
-    encoder = make_observation_encoder(config(3, vision_backbone="resnet18")).eval()
+    settings = config(3, vision_backbone="resnet18")
+    encoder = make_observation_encoder(settings, make_language_encoder(settings)).eval()
 
-    assert encoder({"observation.image": torch.rand(2, 3, 64, 64)}).shape == (2, 128)
+    seen = encoder({"observation.image": torch.rand(2, 3, 64, 64)}, torch.zeros(0, 128))
+
+    assert seen.summary.shape == (2, 128)
+    assert seen.parts.keys.shape == (2, 49, 128)
 
 
 @pytest.mark.parametrize(
@@ -31,5 +35,5 @@ def test_a_resnet_embeds_images() -> None:
 )
 def test_others_are_refused_in_one_line(channels: int, settings: dict[str, str], message: str) -> None:
     with pytest.raises(UserError, match=message) as caught:
-        make_observation_encoder(config(channels, **settings))
+        make_observation_encoder(config(channels, **settings), make_language_encoder(config(channels)))
     assert "\n" not in str(caught.value)

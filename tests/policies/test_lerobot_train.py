@@ -55,6 +55,7 @@ def test_rates_log_resumption_and_repetition(symbolic: Path, encoder: Path, tmp_
     lisa = ["--policy.type=lisa", f"--policy.language_encoder={encoder}", "--policy.freeze_language_encoder=true"]
     rates = ["--policy.optimizer_lr=2e-4", "--policy.optimizer_lr_skill_predictor=3e-5"]
     settings = [*lisa, *rates, "--policy.codebook_size=5", "--policy.horizon=3", "--policy.scheduler_warmup_steps=2"]
+    settings += ["--policy.quantizer_warmup_steps=0"]
 
     first = lerobot_train(*new_run(tmp_path / "first", symbolic, *settings))
     assert first.returncode == 0, first.stderr[-3000:]

@@ -70,10 +70,8 @@ def assert_rollout_is_training(made: Training, steps: int) -> None:
 
     torch.testing.assert_close(torch.stack(outputs, 1).flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
     if codes[0] is not None:
-        language = policy.network.language(tokens, valid)
-        seen = (policy.network.predictor_observations or policy.network.observations)(frames)
-        said = policy.network.predictor(language, valid, seen, packing, HORIZON)
-        assert torch.equal(torch.stack(codes[::HORIZON], 1).flatten(), policy.network.codebook(said).codes)
+        _, skills = policy.network(tokens, valid, frames, torch.stack(actions, 1).flatten(0, 1), packing)
+        assert torch.equal(torch.stack(codes[::HORIZON], 1).flatten(), skills.codes)
 
 
 @BOTH
@@ -93,9 +91,23 @@ def test_other_action_heads(kind: str, head: str, continuous: Path) -> None:
     assert_rollout_is_training(made, steps=2 * HORIZON)
 
 
-@pytest.mark.parametrize("setting", ["shared_observation_encoder", "continuous_skills"])
-def test_other_kinds_of_lisa(setting: str, pictures: Path) -> None:
-    made = training("lisa", pictures, **{setting: True}).warm_up()
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"shared_observation_encoder": True},
+        {"copy_words": False, "ask_observations": False},
+        {"quantizer": "continuous"},
+        {"quantizer": "continuous", "copy_words": False},
+        {"quantizer": "fsq"},
+        {"quantizer": "residual_vq", "n_code_parts": 2},
+        {"n_code_parts": 2},
+        {"n_code_parts": 2, "copy_words": False},
+        {"vision_backbone": "resnet18"},
+    ],
+    ids=str,
+)
+def test_other_kinds_of_lisa(settings: dict[str, Any], pictures: Path) -> None:
+    made = training("lisa", pictures, **settings).warm_up()
 
     assert_rollout_is_training(made, steps=4 * HORIZON + 2)
 
@@ -234,3 +246,20 @@ def test_training_needs_a_dataset(symbolic: Path) -> None:
     with pytest.raises(UserError, match="learns from whole episodes"):
         alone.forward(made.batch([0]))
     assert isinstance(made.dataset, LeRobotDataset)
+
+
+@BOTH
+def test_where_it_looked(kind: str, symbolic: Path, pictures: Path) -> None:
+    """A distribution over the cells or patches of each feature, or over nothing."""
+    for root, expected in ((symbolic, {"observation.grid": 49, "observation.direction": 1}), (pictures, None)):
+        made = training(kind, root).warm_up()
+        assert made.policy.looks is None
+        made.policy.select_action(step_batch(made, live_observations(made, 3, 1), 0, TASKS[:3]))
+
+        looks = made.policy.looks
+        assert looks is not None
+        assert {key: value.shape[1] for key, value in looks.items()} == (
+            expected or {"observation.images.front": 16, "observation.state": 1}
+        )
+        assert all((value >= 0).all() for value in looks.values())
+        assert sum(value.sum(1) for value in looks.values()).max() <= (1 if kind == "lisa" else 20) + 1e-5

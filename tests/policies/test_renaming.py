@@ -27,6 +27,7 @@ def test_training_on_renamed_features(pictures: Path) -> None:
     encoders = (other.policy.network.predictor_observations, other.policy.network.observations)
     for encoder in encoders:  # as a checkpoint that knows only its own names
         encoder.others = {names[key]: name for key, name in encoder.others.items()}
+        encoder.places = {names[key]: count for key, count in encoder.places.items()}
     loss, _ = other.policy.forward(RenameObservationsProcessorStep(names).observation(batch))
 
     torch.testing.assert_close(loss, expected)

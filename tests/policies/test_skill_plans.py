@@ -64,10 +64,64 @@ def test_bad_plans_are_refused(continuous: Path) -> None:
     policy = training("lisa", continuous).policy
 
     with pytest.raises(UserError, match="is no part of a plan"):
+        policy.follow("1**3")
+    with pytest.raises(UserError, match="'all of them' is no phrase that this policy knows"):
         policy.follow("all of them")
     assert policy.config.skill_plan is None
-    with pytest.raises(UserError, match=r"'9{20}' is no part of a plan") as caught:
+    with pytest.raises(UserError, match=r"there is no skill code 9{20};") as caught:
         policy.follow("9" * 5000)
     assert len(str(caught.value)) < 300
     with pytest.raises(UserError, match="codes 0 to 4"):
         training("lisa", continuous, skill_plan="5")
+
+
+def test_codes_by_name(symbolic: Path) -> None:
+    """A name is the code that is nearest to its words; what a code is called finds it again."""
+    made = training("lisa", symbolic).warm_up(5)
+    policy, lexicon = made.policy.eval(), made.policy.config.lexicon
+    phrase = next(phrase for phrase in lexicon if " " in phrase)
+
+    for label in policy.code_labels:
+        number, words = label.split(" ", 1)
+        assert policy.find_code(number) == int(number)
+        assert words in lexicon
+    codes = policy.network.quantizer.embed(torch.arange(policy.n_codes))[:, 0]
+    said = policy.network.language.encode_names([lexicon[phrase]])
+    assert policy.find_code(phrase) == (codes - said).square().sum(1).argmin()
+
+    policy.follow(f"{phrase}*2, 1")
+    policy.reset()
+    followed = []
+    for step in range(4):
+        frames = {key: torch.zeros(1, *f.shape) for key, f in policy.config.input_features.items()}
+        policy.select_action(made.preprocessor({**frames, "task": "go to the red ball"}))
+        followed.append(int(policy.skill_codes))
+        assert step < 9
+    assert followed == [policy.find_code(phrase)] * 2 + [1] * 2
+
+
+def test_names_of_codes_with_several_parts(symbolic: Path) -> None:
+    made = training("lisa", symbolic, n_code_parts=2, codebook_size=3).warm_up(5)
+    policy = made.policy.eval()
+    first, second, *_ = policy.config.lexicon
+
+    assert policy.n_codes == 9
+    assert all(" / " in label for label in policy.code_labels)
+    assert 0 <= policy.find_code(f"{first} / {second}") < 9
+    with pytest.raises(UserError, match="names 1 parts, but a code has 2"):
+        policy.find_code(first)
+
+
+def test_codes_without_words_have_no_names(symbolic: Path) -> None:
+    policy = training("lisa", symbolic, copy_words=False).warm_up().policy
+
+    assert policy.code_labels is None
+    with pytest.raises(UserError, match="give a number"):
+        policy.follow("red")
+
+
+def test_codes_that_are_not_placed_yet(symbolic: Path) -> None:
+    policy = training("lisa", symbolic).policy
+
+    assert policy.n_codes == 0
+    assert policy.code_labels is None

@@ -18,7 +18,7 @@ def test_training_in_two_processes(symbolic: Path, tmp_path: Path) -> None:
             str(PROGRAMS / "torchrun"), "--nproc_per_node=2", str(PROGRAMS / "lerobot-train"),
             "--policy.type=lisa", "--policy.device=cpu", "--policy.language_encoder=words",
             "--policy.push_to_hub=false", "--policy.dim_model=32",
-            "--policy.n_heads=2", "--policy.codebook_size=4", "--policy.horizon=3",
+            "--policy.n_heads=2", "--policy.codebook_size=4", "--policy.quantizer_warmup_steps=0", "--policy.horizon=3",
             "--dataset.repo_id=local/tiny", f"--dataset.root={symbolic}", f"--output_dir={tmp_path}/run",
             "--batch_size=8", "--steps=3", "--log_freq=1", "--num_workers=0",
         ],

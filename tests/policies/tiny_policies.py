@@ -21,7 +21,7 @@ SMALL = {"dim_model": 32, "n_heads": 2, "device": "cpu", "push_to_hub": False}
 
 def config(kind: str, **settings: Any) -> EpisodePolicyConfig:
     """A small configuration with the built-in language encoder, unless told otherwise."""
-    sizes = {"codebook_size": 5, "horizon": 3} if kind == "lisa" else {}
+    sizes = {"codebook_size": 5, "horizon": 3, "quantizer_warmup_steps": 0} if kind == "lisa" else {}
     return CONFIGS[kind](**{"language_encoder": "words", **SMALL, **sizes, **settings})
 
 

@@ -92,7 +92,7 @@ def lisa_config(config: CheckpointConfig) -> LisaConfig:
         UserError: It is no LISA policy or one with continuous skills, so there are no skill codes.
     """
     if isinstance(config.policy, LisaConfig):
-        if config.policy.continuous_skills:
+        if not config.policy.n_codes:
             raise UserError(f"--policy.path={config.checkpoint} has continuous skills: there are no skill codes")
         return config.policy
     kind = config.policy.type if config.policy else "no"
@@ -113,10 +113,8 @@ def steered[Config: CheckpointConfig](config: Config, plan: str | None) -> Confi
 
 def code_labels(policy: Any) -> list[str]:
     """What a policy's K skill codes are called: their words, such as "3 red ball", or numbers; none if it has none."""
-    if not isinstance(policy.config, LisaConfig) or policy.config.continuous_skills:
-        return []
-    size = getattr(policy, "n_codes", policy.config.codebook_size)
-    return getattr(policy, "code_labels", None) or [str(code) for code in range(size)]
+    named = getattr(policy, "code_labels", None)
+    return named or [str(code) for code in range(getattr(policy, "n_codes", 0))]
 
 
 class Evaluation(NamedTuple):

@@ -104,7 +104,7 @@ def ask(policy: "LisaPolicy", preprocess: Any, dataset: "LeRobotDataset", batch_
     from tqdm import tqdm
 
     quantized = []
-    hook = policy.network.codebook.register_forward_hook(lambda _module, _inputs, skills: quantized.append(skills))
+    hook = policy.network.quantizer.register_forward_hook(lambda _module, _inputs, skills: quantized.append(skills))
     starts, instructions = list(dataset.meta.episodes["dataset_from_index"]), []
     policy.eval()
     with torch.no_grad():

@@ -15,6 +15,7 @@ from lerobot_lisa.policies.parts import (
     make_action_head,
     make_language_encoder,
     make_observation_encoder,
+    make_part_attention,
     parameter_group,
 )
 
@@ -36,12 +37,15 @@ class LangDTPolicy(EpisodePolicy):
             CausalTransformer(config.dim_model, config.n_layers, config.n_heads, config.dropout, window=2 * steps),
             make_action_head(config, action_bounds),
         )
-        return LangDT(make_language_encoder(config), make_observation_encoder(config), policy, config.padding_waste)
+        language = make_language_encoder(config)
+        observations = make_observation_encoder(config, language)
+        asks_words = make_part_attention(config, language, language.encoder.width)
+        return LangDT(language, observations, policy, config.padding_waste, asks_words)
 
     def get_optim_params(self) -> list[dict[str, Any]]:
         """One group per learning rate of the paper: policy and language encoder."""
         network = self.network
-        policy = [network.observations, network.policy, network.language.output]
+        policy = [network.observations, network.action_predictor, network.language.output, network.asks_words]
         return [
             parameter_group("policy", policy, self.config.optimizer_lr),
             parameter_group("language_encoder", [network.language.encoder], self.config.language_rate),

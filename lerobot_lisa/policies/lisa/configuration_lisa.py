@@ -1,11 +1,15 @@
 """Settings of the LISA policy."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import prod
 from typing import ClassVar
 
 from lerobot.configs import PreTrainedConfig
 
+from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+
+MOST_CODES = 1_000_000
 
 
 @PreTrainedConfig.register_subclass("lisa")
@@ -19,15 +23,22 @@ class LisaConfig(EpisodePolicyConfig):
         horizon: H, steps that one skill code lasts.
         shared_observation_encoder: Skill predictor and policy see with the same encoder, at half the cost. The paper
             does not say; with an encoder each, LISA has more parameters than Lang-DT.
-        codebook_size: K, number of skill codes.
-        code_width: Numbers per code.
-        continuous_skills: Skills are any `code_width` numbers instead of one of K codes: an ablation of the paper
-            (appendix, "Continuous skill codes"). There is then nothing to read or to steer, and settings of the
-            codebook mean nothing.
+        copy_words: The skill predictor copies phrases of the instruction, and codes lie among words: they can be read,
+            asked with and set by name. The paper's skill predictor (section 3.2) makes up numbers of its own: false.
+        quantizer: "vq" (the paper's); "residual_vq"; "fsq" (finite scalars, whose levels are `fsq_levels`); or
+            "continuous", an ablation of the paper (appendix, "Continuous skill codes"): there is then nothing to read
+            or to steer, and settings of the codebook mean nothing.
+        n_code_parts: Of how many parts a skill code consists, each with a codebook of its own: with "vq" one for each
+            of several copied phrases (a product quantiser), with "residual_vq" one after another.
+        codebook_size: Codes of each part; K, the number of skill codes, is the product over the parts.
+        code_width: Numbers per code where the skill predictor does not copy; copied phrases stay among words.
+        fsq_levels: Levels of each number of "fsq"; K is their product.
         codebook_decay: Of the moving averages that are the codes.
         commitment_weight: lambda, weight of the commitment loss.
         dead_code_threshold: A code that stands for fewer embeddings of a batch than this, in the moving average, is put
             onto a random embedding; 0 never does. The paper does not mention it; without it codes die.
+        quantizer_warmup_steps: Training steps before codes are placed; until then skills are continuous. About half of
+            a training: what to copy has to be learned first. The paper does not mention it (0).
         skill_plan: Skill codes to follow in rollouts in place of the skill predictor's, such as "14" for the whole
             episode or "14*20,2*20" (see `networks.skill_plan`); None: none. The loss takes no notice of it.
         optimizer_lr_skill_predictor: Rate of the skill predictor and of the codebook's projections.
@@ -37,12 +48,16 @@ class LisaConfig(EpisodePolicyConfig):
     n_policy_layers: int = 1
     horizon: int = 10
     shared_observation_encoder: bool = False
+    copy_words: bool = True
+    quantizer: str = "vq"
+    n_code_parts: int = 1
     codebook_size: int = 20
     code_width: int = 16
-    continuous_skills: bool = False
+    fsq_levels: list[int] = field(default_factory=lambda: [5, 4])
     codebook_decay: float = 0.99
     commitment_weight: float = 0.25
     dead_code_threshold: float = 1.0
+    quantizer_warmup_steps: int = 2000
 
     skill_plan: str | None = None
 
@@ -53,14 +68,36 @@ class LisaConfig(EpisodePolicyConfig):
         "n_predictor_layers": (1, 128),
         "n_policy_layers": (1, 128),
         "horizon": (1, 10**6),
+        "n_code_parts": (1, 8),
         "codebook_size": (1, 10**6),
         "code_width": (1, 8192),
         "codebook_decay": (0, 0.999999),
         "commitment_weight": (0, 1e6),
         "dead_code_threshold": (0, 1e9),
+        "quantizer_warmup_steps": (0, 10**9),
         "optimizer_lr_skill_predictor": (0, 100),
     }
 
+    def __post_init__(self) -> None:
+        """Refuse settings that cannot work, before anything is loaded or allocated."""
+        super().__post_init__()
+        self._check_choice("quantizer", ("vq", "residual_vq", "fsq", "continuous"))
+        if not 1 <= len(self.fsq_levels) <= 16 or not all(3 <= level <= 1000 for level in self.fsq_levels):
+            raise UserError(f"--policy.fsq_levels={self.fsq_levels!r:.60} must be 1 to 16 numbers from 3 to 1000")
+        if (codes := self.n_codes) > MOST_CODES:
+            raise UserError(
+                f"the policy would have {codes:.1e} skill codes, {MOST_CODES:,} is the most: choose a smaller "
+                "--policy.codebook_size, or fewer --policy.n_code_parts or --policy.fsq_levels"
+            )
+
+    @property
+    def n_codes(self) -> int:
+        """K, the number of skill codes, all parts taken together; 0 if skills are continuous."""
+        if self.quantizer == "continuous":
+            return 0
+        return prod(self.fsq_levels) if self.quantizer == "fsq" else self.codebook_size**self.n_code_parts
+
     def _count_parameters(self) -> int:
-        codebook = 2 * self.code_width * (self.codebook_size + self.dim_model)
+        width = max(self.code_width, self.dim_model)
+        codebook = 2 * width * (self.n_code_parts * self.codebook_size + self.dim_model)
         return super()._count_parameters() + codebook + self.dim_model * self.horizon

@@ -6,27 +6,31 @@ from torch import Tensor, nn
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.action_predictor import ActionPredictor
-from lerobot_lisa.networks.codebook import (
-    Codebook,
-    ContinuousSkills,
-    Quantized,
-    Skills,
-    codes_used,
-    mutual_information,
-    perplexity,
-)
+from lerobot_lisa.networks.code_statistics import codes_used, mutual_information, perplexity
+from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
+from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.packing import Packing
-from lerobot_lisa.networks.skill_plan import SkillPlan, read_plan
+from lerobot_lisa.networks.quantizers import (
+    Codebook,
+    Continuous,
+    FiniteScalars,
+    Quantized,
+    Quantizer,
+    ResidualCodebook,
+)
+from lerobot_lisa.networks.skill_plan import read_plan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
 from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
+from lerobot_lisa.policies.lisa.code_names import code_labels, find_code, split
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 from lerobot_lisa.policies.parts import (
     make_action_head,
     make_language_encoder,
     make_observation_encoder,
+    make_part_attention,
     parameter_group,
 )
 
@@ -47,24 +51,29 @@ class LisaPolicy(EpisodePolicy):
     def make_network(self, action_bounds: Tensor) -> Lisa:
         """Skill predictor, codebook and policy of the configured sizes."""
         config = self.config
+        language = make_language_encoder(config)
+        source = make_source(config, language)
+        shared = config.shared_observation_encoder
         return Lisa(
-            language=make_language_encoder(config),
-            observations=make_observation_encoder(config),
+            language=language,
+            observations=make_observation_encoder(config, language),
             predictor=make_skill_predictor(config),
-            codebook=make_bottleneck(config),
-            skill_embedding=nn.Linear(config.dim_model, config.dim_model),
-            policy=make_action_predictor(config, action_bounds),
+            source=source,
+            quantizer=make_quantizer(config, source.width),
+            skill_embedding=nn.Linear(source.width, config.dim_model),
+            action_predictor=make_action_predictor(config, action_bounds),
             horizon=config.horizon,
-            predictor_observations=None if config.shared_observation_encoder else make_observation_encoder(config),
+            predictor_observations=None if shared else make_observation_encoder(config, language),
+            asks_words=make_part_attention(config, language, language.encoder.width),
+            asks_skill=make_part_attention(config, language, source.width),
         )
 
     def get_optim_params(self) -> list[dict[str, Any]]:
         """One group per learning rate of the paper: policy, skill predictor with codebook, language encoder."""
         network, config = self.network, self.config
-        policy = [network.observations, network.skill_embedding, network.policy]
-        predictor = [network.predictor, network.codebook, network.language.output]
-        if network.predictor_observations:
-            predictor.append(network.predictor_observations)
+        policy = [network.observations, network.asks_skill, network.skill_embedding, network.action_predictor]
+        seeing = [network.predictor_observations, network.asks_words, network.language.output]
+        predictor = [*seeing, network.predictor, network.source, network.quantizer]
         return [
             parameter_group("policy", policy, config.optimizer_lr),
             parameter_group("skill_predictor", predictor, config.optimizer_lr_skill_predictor),
@@ -76,25 +85,64 @@ class LisaPolicy(EpisodePolicy):
     ) -> tuple[Tensor, Tensor, Metrics]:
         """Predictions, commitment loss and what the codebook does."""
         outputs, skills = self.network(tokens, tokens_valid, frames, actions, packing)
-        return outputs, skills.commitment, _describe(skills, self.config.codebook_size)
+        return outputs, skills.commitment, _describe(skills, self.n_codes)
 
     def follow(self, plan: str | None) -> None:
         """Steer rollouts from the next one on: LeRobot's own evaluation then runs the plan, in every environment.
 
         Args:
-            plan: Such as "14" or "14*20,2*20", see `SkillPlan`; None: the skill predictor chooses.
+            plan: Such as "14", "14*20,2*20" or "red ball*20", see `SkillPlan`; None: the skill predictor chooses.
 
         Raises:
-            UserError: It is no plan, or there is no such code.
+            UserError: It is no plan, or there is no such code. Names are looked up when a rollout begins: a policy that
+                is being loaded has no codes yet.
         """
-        if plan is not None and self.config.continuous_skills:
-            raise UserError(f"skill plan {plan!r}: this policy's skills are continuous, so there is no code to follow")
-        self._plan = SkillPlan() if plan is None else read_plan(plan, self.config.codebook_size)
+        if plan is not None:
+            read_plan(plan, self._check_code)
         self.config.skill_plan = plan
 
     def _begin(self, tokens: Tensor, valid: Tensor) -> None:
         super()._begin(tokens, valid)
-        self._history.plan = self._plan
+        if self.config.skill_plan is not None:
+            self._history.plan = read_plan(self.config.skill_plan, self.find_code)
+
+    @property
+    def n_codes(self) -> int:
+        """K, the number of skill codes; 0 if skills are continuous, or codes have not been placed yet."""
+        return self.network.quantizer.n_codes if self.network.quantizer.initialised else 0
+
+    @property
+    def code_labels(self) -> list[str] | None:
+        """What skill codes are called: number and nearest words, such as "3 red ball"; None if they have no words."""
+        if not (self.config.copy_words and self.n_codes and self.config.lexicon):
+            return None
+        return code_labels(self.network, self.config.lexicon)
+
+    def find_code(self, text: str) -> int:
+        """The skill code of a number, or the one that is nearest to a phrase ("red ball"), "/" between its parts.
+
+        Raises:
+            UserError: There is none.
+        """
+        self._check_code(text)
+        if text.isdecimal():
+            return int(text)
+        if not self.n_codes:
+            raise UserError("this policy's skill codes have no names yet: it was trained for too few steps")
+        return find_code(self.network, self.config.lexicon, text)
+
+    def _check_code(self, text: str) -> int:
+        """Refuse what can be no code; names are not looked up, since a policy that is being loaded has no codes yet."""
+        known = self.config.n_codes
+        if not known:
+            raise UserError("this policy has no skill codes to follow: its skills are continuous")
+        if text.isdecimal() and (len(text) > 9 or int(text) >= known):
+            raise UserError(f"there is no skill code {text:.20}; this policy has codes 0 to {known - 1}")
+        if not text.isdecimal():
+            if not self.config.copy_words:
+                raise UserError(f"skill codes of this policy have no names: give a number instead of {text!r:.60}")
+            split(self.config.lexicon, text)
+        return 0
 
     @property
     def skill_codes(self) -> Tensor | None:
@@ -109,27 +157,43 @@ class LisaPolicy(EpisodePolicy):
 
 def _describe(skills: Quantized, size: int) -> Metrics:
     """What the codebook does, for the training log."""
-    if skills.codes is None or skills.distances is None:
+    if skills.codes is None:
         return {}
-    return {
+    metrics = {
         "commitment_loss": skills.commitment,
         "perplexity": perplexity(skills.codes, size),
         "codes_used": codes_used(skills.codes, size),
-        "mutual_information": mutual_information(skills.distances),
     }
+    return (
+        metrics if skills.distances is None else {**metrics, "mutual_information": mutual_information(skills.distances)}
+    )
 
 
-def make_bottleneck(config: LisaConfig) -> Skills:
-    """The codebook, or nothing but a narrow passage."""
-    if config.continuous_skills:
-        return ContinuousSkills(config.dim_model, config.code_width)
-    return Codebook(
-        config.dim_model,
+def make_source(config: LisaConfig, language: LanguageEncoder) -> PhraseCopier | OwnNumbers:
+    """What the quantiser gets: phrases, or the skill predictor's own numbers."""
+    parts = 1 if config.quantizer == "residual_vq" else config.n_code_parts
+    if config.copy_words:
+        return PhraseCopier(config.dim_model, language.encoder.width, parts)
+    return OwnNumbers(config.dim_model, parts)
+
+
+def make_quantizer(config: LisaConfig, width: int) -> Quantizer:
+    """The configured one, for embeddings of a width."""
+    code_width = None if config.copy_words else config.code_width
+    if config.quantizer == "continuous":
+        return Continuous(width, code_width)
+    if config.quantizer == "fsq":
+        return FiniteScalars(width, config.fsq_levels)
+    kind = ResidualCodebook if config.quantizer == "residual_vq" else Codebook
+    return kind(
+        width,
         config.codebook_size,
-        config.code_width,
+        code_width,
         config.codebook_decay,
         config.commitment_weight,
         config.dead_code_threshold,
+        config.n_code_parts,
+        config.quantizer_warmup_steps,
     )
 
 

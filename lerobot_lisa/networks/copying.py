@@ -1,0 +1,45 @@
+"""What the skill predictor says to the quantiser: phrases copied from the instruction, or numbers of its own."""
+
+from torch import Tensor, nn
+
+from lerobot_lisa.networks.language import Instruction
+
+
+class PhraseCopier(nn.Module):
+    """Points at tokens of the instruction and takes their phrases along: a pointer network (arXiv:1506.03134).
+
+    What the quantiser gets then lies in the space of words, so that a code can be read, asked with and set by name.
+
+    Args:
+        width: D.
+        words: W.
+        parts: How many phrases a skill is made of, such as what to do and with what.
+    """
+
+    def __init__(self, width: int, words: int, parts: int) -> None:
+        super().__init__()
+        self.parts, self.width = parts, words
+        self.query, self.key = nn.Linear(width, parts * width), nn.Linear(width, width)
+
+    def forward(self, answers: Tensor, instruction: Instruction) -> Tensor:
+        """Answers (C, D) of the skill predictor and the C instructions they are about -> phrases (C, parts, W)."""
+        return self.pointers(answers, instruction) @ instruction.phrases
+
+    def pointers(self, answers: Tensor, instruction: Instruction) -> Tensor:
+        """Where in the instructions each part points, (C, parts, M)."""
+        query = self.query(answers).unflatten(-1, (self.parts, -1))
+        scores = query @ self.key(instruction.tokens).transpose(1, 2) / query.shape[-1] ** 0.5
+        return scores.masked_fill(~instruction.valid[:, None], float("-inf")).softmax(-1)
+
+
+class OwnNumbers(nn.Module):
+    """The paper's form (section 3.2): the quantiser gets the skill predictor's own output."""
+
+    def __init__(self, width: int, parts: int) -> None:
+        super().__init__()
+        self.parts, self.width = parts, width
+        self.output = nn.Linear(width, parts * width) if parts > 1 else nn.Identity()
+
+    def forward(self, answers: Tensor, instruction: Instruction) -> Tensor:
+        """Answers (C, D) -> (C, parts, D); the instruction has been heard already."""
+        return self.output(answers).unflatten(-1, (self.parts, -1))

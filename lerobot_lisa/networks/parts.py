@@ -1,0 +1,124 @@
+"""What an observation consists of, and asking it: parts with keys among words, and attention from words to them."""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+
+class Parts(NamedTuple):
+    """Parts of N frames, such as cells of a grid or patches of a picture.
+
+    Attributes:
+        keys: (N, P, W) what each part can be asked by, in the space of words.
+        values: (N, P, C) what it answers.
+        bias: (N, P) how readily it answers whatever is asked; minus infinity where there is no part.
+        places: (N, P) the number of each part among all of an observation's.
+    """
+
+    keys: Tensor
+    values: Tensor
+    bias: Tensor
+    places: Tensor
+
+    @staticmethod
+    def join(several: "list[Parts]") -> "Parts":
+        """The parts of the same frames from several features."""
+        return (
+            several[0]
+            if len(several) == 1
+            else Parts(*(torch.cat(fields, dim=1) for fields in zip(*several, strict=True)))
+        )
+
+
+class Seen(NamedTuple):
+    """N observations as the networks see them.
+
+    Attributes:
+        summary: (N, D) the whole of each.
+        parts: Its parts; None if the encoder keeps none.
+    """
+
+    summary: Tensor
+    parts: Parts | None
+
+
+class PartAttention(nn.Module):
+    """Asks the parts of an observation: which of you is called so, and where are you?
+
+    Each question is a vector in the space of words. It attends to the parts whose keys match it, or to nothing, and
+    what they answer enters the observation's embedding together with what the question is about. BabyAI's own networks
+    let the instruction modulate every cell by FiLM (arXiv:1810.08272); a product with names needs no example to know
+    that "red ball" means the red ball.
+
+    Args:
+        asked: Width of the questions as they come.
+        words: W, width of the space of words; questions of this width lie in it and are asked as they are at first, at
+            the length of a whole phrase: else a skill that mixes all words, as it does before anything is learned,
+            would be too weak to be answered, and nothing would ever be learned.
+        values: C, width of the parts' answers.
+        about: Width of what the questions are about.
+        width: D.
+        whole: Square of a whole phrase's length in units of W, see `WordEncoder.whole`.
+        sharpness: Of the attention at first: the score of a match of 1.
+    """
+
+    def __init__(
+        self,
+        asked: int,
+        words: int,
+        values: int,
+        about: int,
+        width: int,
+        whole: float = 2.0,
+        sharpness: float = 8.0,
+    ) -> None:
+        super().__init__()
+        self.length = (whole * words) ** 0.5
+        self.as_they_are = asked == words
+        self.question = nn.Linear(asked, words)
+        self.nothing = nn.Linear(words, 1)
+        if self.as_they_are:
+            nn.init.zeros_(self.question.weight)
+            nn.init.zeros_(self.question.bias)
+        nn.init.zeros_(self.nothing.weight)
+        nn.init.zeros_(self.nothing.bias)
+        self.sharpness = nn.Parameter(torch.tensor(sharpness))
+        self.answer, self.about = nn.Linear(values, values), nn.Linear(about, values)
+        self.output = nn.Linear(values, width)
+
+    def forward(
+        self, parts: Parts, questions: Tensor, about: Tensor, valid: Tensor | None = None, rows: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Ask the parts of N frames.
+
+        Args:
+            parts: Of the frames.
+            questions: (B, Q, asked).
+            about: (B, Q, about), what the questions are about.
+            valid: (B, Q), False for questions that are none; None: all are.
+            rows: (N,) whose questions each frame is asked; None: frame i is asked questions i.
+
+        Returns:
+            What the frames answer, (N, D), and where the questions looked, (N, Q, P); the rest went to nothing.
+        """
+        asked = self.question(questions) + (questions if self.as_they_are else 0)
+        asked = F.normalize(asked, dim=-1) * (self.length * self.sharpness / asked.shape[-1])
+        nothing, topic = self.nothing(asked), self.about(about)
+        if valid is not None:
+            topic = topic.masked_fill(~valid[..., None], 0)
+        if rows is not None:
+            asked, nothing, topic = asked[rows], nothing[rows], topic[rows]
+            valid = None if valid is None else valid[rows]
+        scores = asked @ parts.keys.transpose(1, 2) + parts.bias[:, None]
+        looks = torch.cat([nothing, scores], dim=-1).softmax(-1)[..., 1:]
+        if valid is not None:
+            looks = looks.masked_fill(~valid[..., None], 0)
+        heard = F.gelu(self.answer(looks @ parts.values) + topic) * looks.sum(-1, keepdim=True)
+        return self.output(heard.sum(1)), looks
+
+
+def spread(parts: Parts, looks: Tensor, places: int) -> Tensor:
+    """Attention (N, Q, P) summed over the questions and put where the parts are, (N, places)."""
+    return looks.new_zeros(len(looks), places).scatter_add(1, parts.places, looks.sum(1))
