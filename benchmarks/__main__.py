@@ -30,6 +30,7 @@ PARTS = {
     "windows": "windows and whole episodes from the episode store",
     "train": "lerobot-train against a bare loop, and how long it waits for data",
     "model": "a training step against a padded implementation of the paper",
+    "asking": "a training step with and without asking what is seen, by words and skill codes",
     "images": "the image encoder against the obvious one",
     "compiled": "a training step with and without torch.compile",
     "act": "select_action late in an episode",

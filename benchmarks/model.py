@@ -8,7 +8,7 @@ from lerobot.utils.constants import ACTION, OBS_LANGUAGE_ATTENTION_MASK, OBS_LAN
 
 from benchmarks.measuring import contest
 from benchmarks.padded import PaddedBatch, PaddedLangDT, PaddedLisa, pad
-from benchmarks.policies import NAMES, Training, step
+from benchmarks.policies import AS_IN_THE_PAPER, NAMES, Training, step
 from benchmarks.table import Row, ratio_row
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.policies.base_modeling import EpisodePolicy
@@ -19,7 +19,7 @@ def rows(options: argparse.Namespace) -> list[Row]:
 
 
 def _row(kind: str, options: argparse.Namespace) -> Row:
-    training = Training(kind, options)
+    training = Training(kind, options, **AS_IN_THE_PAPER)
     policy, batch = training.policy, training.batch()
     optimizer, parameters = training.optimizer(), list(policy.parameters())
     policy.forward(batch)  # k-means places the codes

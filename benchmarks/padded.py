@@ -62,13 +62,13 @@ class PaddedLisa(nn.Module):
         self.language, self.skill_embedding = deepcopy(network.language), deepcopy(network.skill_embedding)
         self.observations = deepcopy(network.predictor_observations or network.observations)
         self.timesteps = deepcopy(predictor.timesteps)
-        self.output, self.quantizer = deepcopy(predictor.output), deepcopy(network.codebook.quantizer)
+        self.output, self.quantizer = deepcopy(predictor.output), deepcopy(network.quantizer.quantizers[0])
         self.predictor = _Transformer(predictor.transformer)
-        self.policy = _Policy(network.observations, network.policy)
+        self.policy = _Policy(network.observations, network.action_predictor)
 
     def forward(self, batch: PaddedBatch) -> Tensor:
         """The training loss."""
-        language = self.language(batch.tokens, batch.tokens_valid)
+        language = self.language(batch.tokens, batch.tokens_valid).tokens
         length = batch.valid.shape[1]
         frames = _per_step(self.observations, batch.observations) + self.timesteps(torch.arange(length))
         answers = self.predictor(
@@ -97,11 +97,11 @@ class PaddedLangDT(nn.Module):
 
     def __init__(self, network: LangDT) -> None:
         super().__init__()
-        self.language, self.policy = deepcopy(network.language), _Policy(network.observations, network.policy)
+        self.language, self.policy = deepcopy(network.language), _Policy(network.observations, network.action_predictor)
 
     def forward(self, batch: PaddedBatch) -> Tensor:
         """The training loss."""
-        language = self.language(batch.tokens, batch.tokens_valid)
+        language = self.language(batch.tokens, batch.tokens_valid).tokens
         losses = self.policy(language, batch.tokens_valid, batch.observations, batch.actions, batch.valid)
         return _mean(losses, batch.valid)
 
@@ -175,7 +175,8 @@ def _renamed(module: nn.Module, name: str) -> dict[str, Tensor]:
 def _per_step(encoder: nn.Module, observations: dict[str, Tensor]) -> Tensor:
     """Features (B, T, *shape) -> (B, T, D)."""
     shape = next(iter(observations.values())).shape[:2]
-    return encoder({key: value.flatten(0, 1) for key, value in observations.items()}).unflatten(0, shape)
+    flat = {key: value.flatten(0, 1) for key, value in observations.items()}
+    return encoder(flat, torch.zeros(0)).summary.unflatten(0, shape)
 
 
 def _mean(losses: Tensor, valid: Tensor) -> Tensor:

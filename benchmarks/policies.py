@@ -15,17 +15,23 @@ from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 NAMES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
 CONFIGS = {"lisa": LisaConfig, "lang_dt": LangDTConfig}
+AS_IN_THE_PAPER = {"ask_observations": False, "copy_words": False, "augment": False}
 BATCH_SIZE = 128  # the paper's
 DRAWS = 21
 
 
 class Training:
-    """A policy of the paper's size with a word-level language encoder, its dataset and its optimiser."""
+    """A policy of the paper's size with a word-level language encoder, its dataset and its optimiser.
 
-    def __init__(self, kind: str, options: argparse.Namespace) -> None:
+    `settings` are further ones of the policy's; `AS_IN_THE_PAPER` leaves out what the paper's networks do not have.
+    """
+
+    def __init__(self, kind: str, options: argparse.Namespace, **settings: Any) -> None:
         self.dataset = LeRobotDataset(options.repo_id, root=options.root)
         torch.manual_seed(0)
-        config = CONFIGS[kind](language_encoder="words", device="cpu", push_to_hub=False)
+        given = {"quantizer_warmup_steps": 0, **settings} if kind == "lisa" else settings
+        given = {name: value for name, value in given.items() if hasattr(CONFIGS[kind], name)}
+        config = CONFIGS[kind](language_encoder="words", device="cpu", push_to_hub=False, **given)
         self.policy: EpisodePolicy = make_policy(config, ds_meta=self.dataset.meta)
         self.preprocessor, self.postprocessor = make_pre_post_processors(config, dataset_stats=self.dataset.meta.stats)
         self.policy.train()

@@ -10,10 +10,11 @@ from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 SMALL = {
-    "dim_model": 32, "n_heads": 2, "dropout": 0.0, "language_encoder": "words", "device": "cpu", "push_to_hub": False
+    "dim_model": 32, "n_heads": 2, "dropout": 0.0, "language_encoder": "words", "device": "cpu", "push_to_hub": False,
+    "ask_observations": False, "augment": False,
 }  # fmt: skip
 CONFIGS = {
-    "lisa": lambda: LisaConfig(horizon=3, codebook_size=5, **SMALL),
+    "lisa": lambda: LisaConfig(horizon=3, codebook_size=5, copy_words=False, quantizer_warmup_steps=0, **SMALL),
     "lang_dt": lambda: LangDTConfig(**SMALL),
 }
 
