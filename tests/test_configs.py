@@ -21,8 +21,9 @@ def read(path: Path) -> TrainPipelineConfig:
 
 def test_every_babyai_row_of_the_papers_table_is_there() -> None:
     rows = {f"{level}_{size}" for level in ("gotoseq", "synthseq", "bosslevel") for size in ("1k", "10k", "100k")}
-    assert {path.parent.name for path in BABYAI} == rows
-    assert len(BABYAI) == 2 * len(rows)
+    ours = {"gotolocal_1k"}  # no row of the paper's: the level on which listening shows soonest
+    assert {path.parent.name for path in BABYAI} == rows | ours
+    assert len(BABYAI) == 2 * len(rows | ours)
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("**/*.yaml")), ids=lambda path: str(path.relative_to(CONFIGS)))
