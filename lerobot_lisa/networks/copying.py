@@ -1,5 +1,6 @@
 """What the skill predictor says to the quantiser: phrases copied from the instruction, or numbers of its own."""
 
+import torch
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.language import Instruction
@@ -9,6 +10,10 @@ class PhraseCopier(nn.Module):
     """Points at tokens of the instruction and takes their phrases along: a pointer network (arXiv:1506.03134).
 
     What the quantiser gets then lies in the space of words, so that a code can be read, asked with and set by name.
+
+    Before anything is learned the first part points at words that name things. A mixture of all words of a long
+    instruction is so little like any of its things that none answers when asked by it, and where nothing answers there
+    is nothing to learn from.
 
     Args:
         width: D.
@@ -20,6 +25,7 @@ class PhraseCopier(nn.Module):
         super().__init__()
         self.parts, self.width = parts, words
         self.query, self.key = nn.Linear(width, parts * width), nn.Linear(width, width)
+        self.prefers_names = nn.Parameter(torch.tensor([3.0] + [0.0] * (parts - 1)))
 
     def forward(self, answers: Tensor, instruction: Instruction) -> Tensor:
         """Answers (C, D) of the skill predictor and the C instructions they are about -> phrases (C, parts, W)."""
@@ -29,6 +35,7 @@ class PhraseCopier(nn.Module):
         """Where in the instructions each part points, (C, parts, M)."""
         query = self.query(answers).unflatten(-1, (self.parts, -1))
         scores = query @ self.key(instruction.tokens).transpose(1, 2) / query.shape[-1] ** 0.5
+        scores = scores + self.prefers_names[:, None] * instruction.names[:, None]
         return scores.masked_fill(~instruction.valid[:, None], float("-inf")).softmax(-1)
 
 

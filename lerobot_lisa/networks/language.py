@@ -17,11 +17,13 @@ class Instruction(NamedTuple):
         tokens: (B, M, D), each token in its context, at the model's width.
         valid: (B, M), False for padding.
         phrases: (B, M, W), each token with what it belongs to, in the space of words: where names of things lie, too.
+        names: (B, M), which tokens are words that name things.
     """
 
     tokens: Tensor
     valid: Tensor
     phrases: Tensor
+    names: Tensor
 
     def take(self, rows: Tensor) -> "Instruction":
         """The instructions of some rows (N,), repeats allowed."""
@@ -143,7 +145,8 @@ class LanguageEncoder(nn.Module):
     def forward(self, tokens: Tensor, valid: Tensor) -> Instruction:
         """Encode token ids (B, M), with their validity (B, M)."""
         context, phrases = self.encoder(tokens, valid)
-        return Instruction(self.output(context), valid, phrases)
+        names = torch.isin(tokens, self.name_tokens[self.name_valid]) & valid
+        return Instruction(self.output(context), valid, phrases, names)
 
     def names(self) -> Tensor:
         """Vectors of all names of things, (n, W), beside the phrases of instructions."""

@@ -111,7 +111,7 @@ def test_memory_and_time_per_step_are_bounded(name: str, window: int) -> None:
 
 
 def test_codes_last_a_horizon() -> None:
-    _, _, codes = roll_out(NETWORKS["lisa"], random_observations(8, 12 * HORIZON), batch([1] * 8))
+    _, _, codes = roll_out(NETWORKS["lisa_as_in_the_paper"], random_observations(8, 12 * HORIZON), batch([1] * 8))
 
     chunks = codes.unflatten(1, (-1, HORIZON))
     assert (chunks == chunks[..., :1]).all()

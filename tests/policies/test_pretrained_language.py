@@ -51,7 +51,7 @@ def test_frozen(kind: str, encoder: Path, symbolic: Path) -> None:
     before = one_step(made)
     one_step(made)
 
-    names = len(made.policy.network.language.name_tokens)  # of things, each read once
+    names = len(set(map(tuple, made.policy.network.language.name_tokens.tolist())))  # of things; many are one unknown
     assert sum(asked) == 5 + names  # six episodes, two of them with the same instruction
     assert all(parameter.grad is None and not parameter.requires_grad for parameter in model.parameters())
     assert all(torch.equal(value, before[key]) for key, value in model.state_dict().items())
