@@ -37,6 +37,7 @@ PARTS = {
     "evaluate": "100 episodes in a batch",
     "bot": "demonstrations",
     "write": "writing datasets",
+    "videos": "decoding a recording's videos (records one first)",
     "open": "opening a large dataset (writes 2 GB to a temporary folder, takes some minutes)",
 }
 """Parts of the table, in its order; `benchmarks.<part>` has a function `rows(options)`."""

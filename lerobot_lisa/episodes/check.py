@@ -6,19 +6,16 @@ or one that is not a number, after which no weight is.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from lerobot_lisa.episodes.tables import Array, check_columns
 from lerobot_lisa.errors import UserError
 
 if TYPE_CHECKING:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-
-Array = NDArray[Any]
 
 _LARGEST = 1e18  # squares of greater numbers are infinite in float32, and so are losses
 _RECOMPUTE = "lerobot-edit-dataset --operation.type=recompute_stats"
@@ -87,16 +84,6 @@ def _check_tasks(meta: "LeRobotDatasetMetadata") -> None:
             f"{meta.root}: meta/tasks.parquet holds {len(tasks)} instructions, but meta/info.json counts "
             f"{meta.total_tasks}: fetch the dataset again"
         )
-
-
-def check_columns(path: Path, names: Sequence[str]) -> None:
-    """Raise `UserError` unless a data file can be read and has these columns."""
-    try:
-        absent = set(names) - set(pq.read_schema(path).names)
-    except (pa.ArrowException, OSError) as error:
-        raise UserError(f"{path}: this is no readable parquet file ({error}): fetch the dataset again") from error
-    if absent:
-        raise UserError(f"{path}: the file has no column `{min(absent)}`: fetch the dataset again")
 
 
 def _worst_episode(root: Path, key: str, name: str) -> str:

@@ -3,7 +3,6 @@
 import errno
 import hashlib
 import json
-import math
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -29,8 +28,6 @@ _LOCK = "lock"
 def mapped_columns(root: Path, keys: Sequence[str], read: Callable[[Allocate], object]) -> dict[str, Array]:
     """Columns from memory-mapped files, which are made once for each state of a dataset's files.
 
-    Files of earlier states of any dataset are removed when new ones are made.
-
     Args:
         root: Folder of the dataset.
         keys: Features.
@@ -39,12 +36,29 @@ def mapped_columns(root: Path, keys: Sequence[str], read: Callable[[Allocate], o
     Raises:
         UserError: The files cannot be written.
     """
-    folder = store_home() / _fingerprint(root, keys)
-    if not folder.exists():
-        _make(folder, root, keys, read)
-        _clear_outdated()
+    folder = kept_folder(root, keys, lambda partial: read(partial_allocate(partial)))
     # Copy-on-write: torch wants a writable array, and nothing must ever reach the files.
     return {key: np.load(folder / f"{key}.npy", mmap_mode="c") for key in keys}
+
+
+def kept_folder(root: Path, what: Sequence[str], make: Callable[[Path], object]) -> Path:
+    """A folder of files that are made once for each state of a dataset's files.
+
+    Folders of earlier states of any dataset are removed when a new one is made.
+
+    Args:
+        root: Folder of the dataset.
+        what: Names of what the files hold; other names have another folder.
+        make: Fills a folder.
+
+    Raises:
+        UserError: The folder cannot be written.
+    """
+    folder = store_home() / _fingerprint(root, what)
+    if not folder.exists():
+        _make(folder, root, what, make)
+        _clear_outdated()
+    return folder
 
 
 def store_home() -> Path:
@@ -70,12 +84,12 @@ def told_in_one_line(what: str) -> Iterator[None]:
         raise UserError(f"{home}: cannot keep {what} there ({reason}): make room, or set HF_LEROBOT_HOME") from error
 
 
-def _make(folder: Path, root: Path, keys: Sequence[str], read: Callable[[Allocate], object]) -> None:
+def _make(folder: Path, root: Path, what: Sequence[str], make: Callable[[Path], object]) -> None:
     """Build aside and rename; processes that train together may do so at the same time, and the first one wins."""
     with _partial(folder) as partial:
-        read(lambda key, shape, dtype: allocate_file(partial / f"{key}.npy", shape, dtype))
+        make(partial)
         with told_in_one_line("the episode store"):
-            (partial / _SOURCE).write_text(json.dumps({"root": str(Path(root).absolute()), "keys": sorted(keys)}))
+            (partial / _SOURCE).write_text(json.dumps({"root": str(Path(root).absolute()), "keys": sorted(what)}))
             try:
                 partial.rename(folder)
             except OSError:
@@ -83,23 +97,46 @@ def _make(folder: Path, root: Path, keys: Sequence[str], read: Callable[[Allocat
                     raise
 
 
-def allocate_file(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
-    """A new array in a memory-mapped file whose room on the disk is taken at once.
+def partial_allocate(folder: Path) -> Allocate:
+    """Makes arrays in files of a folder, with room on the disk for all of them."""
+
+    def allocate(key: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
+        array = sparse_array(folder / f"{key}.npy", shape, dtype)
+        take_room(folder / f"{key}.npy", array, 0, len(array))
+        return array
+
+    return allocate
+
+
+def sparse_array(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
+    """A new array of zeros in a memory-mapped file, which takes no room on the disk yet."""
+    with told_in_one_line("the episode store"):
+        return np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape)
+
+
+def take_room(path: Path, array: Array, start: int, stop: int) -> None:
+    """Take the room on the disk that rows of an array in a memory-mapped file need.
 
     Without that, a disk that fills up later ends the process at some write to memory (SIGBUS), without a word.
 
     Raises:
-        UserError: There is not enough room.
+        UserError: There is not enough.
     """
-    size = math.prod(shape) * dtype.itemsize
-    with told_in_one_line(f"{size / 1e9:.1f} GB of the episode store"):
-        if size > shutil.disk_usage(path.parent).free:
+    row = array.nbytes // max(len(array), 1)
+    with told_in_one_line(f"{row * (stop - start) / 1e9:.1f} GB of the episode store"):
+        if row * (stop - start) > shutil.disk_usage(path.parent).free:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        array = np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape)
-        if hasattr(os, "posix_fallocate"):  # not on macOS
+        if stop > start and hasattr(os, "posix_fallocate"):  # not on macOS
             with path.open("r+b") as file:
-                os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
-    return array
+                _allocate(file.fileno(), path.stat().st_size - array.nbytes + row * start, row * (stop - start))
+
+
+def _allocate(descriptor: int, offset: int, size: int) -> None:
+    try:
+        os.posix_fallocate(descriptor, offset, size)
+    except OSError as error:
+        if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):  # a file system that cannot
+            raise
 
 
 @contextmanager
@@ -137,6 +174,12 @@ def _outdated(folder: Path) -> bool:
 
 def _fingerprint(root: Path, keys: Sequence[str]) -> str:
     """Changes whenever the dataset's place, files or the features asked for change."""
-    files = sorted(path for path in Path(root).absolute().rglob("*") if path.is_file())
+    root = Path(root).absolute()
+    files = sorted(path for path in root.rglob("*") if path.is_file() and not _hidden(path.relative_to(root)))
     state = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     return hashlib.sha256(repr((sorted(keys), state)).encode()).hexdigest()[:32]
+
+
+def _hidden(path: Path) -> bool:
+    """Whether this is what the Hub's client notes for itself, at every start."""
+    return any(part.startswith(".") for part in path.parts)

@@ -1,21 +1,21 @@
-"""Fill an episode store from a LeRobotDataset: numbers straight from parquet, pictures through LeRobot's decoder."""
+"""Fill an episode store from a LeRobotDataset: numbers straight from parquet, pictures when they are asked for."""
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import psutil
-import pyarrow as pa
-import pyarrow.parquet as pq
 import torch
-from tqdm import tqdm
 
-from lerobot_lisa.episodes.check import FrameLedger, bounds, check_columns, check_metadata
-from lerobot_lisa.episodes.disk import Allocate, Array, clear_abandoned, mapped_columns
+from lerobot_lisa.episodes.check import FrameLedger, bounds, check_metadata
+from lerobot_lisa.episodes.disk import Allocate, clear_abandoned, mapped_columns
+from lerobot_lisa.episodes.pictures_on_disk import PicturesOnDisk
+from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.episodes.store import EpisodeStore
+from lerobot_lisa.episodes.tables import Array, tables, values
 from lerobot_lisa.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,30 +24,43 @@ if TYPE_CHECKING:
 _SHARE_OF_MEMORY = 0.5  # of what is free; the rest is for training
 
 
-def load_episodes(meta: "LeRobotDatasetMetadata", keys: Sequence[str], location: str = "memory") -> EpisodeStore:
+def load_episodes(
+    meta: "LeRobotDatasetMetadata", keys: Sequence[str], location: str = "memory", image_size: int | None = None
+) -> EpisodeStore:
     """Read features of every frame of a dataset that is on disk under `meta.root`.
 
-    Of a dataset that was fetched in part (`--dataset.episodes`), the episodes of the missing files are left out; asking
-    the store for one of them is an error.
+    Pictures are decoded when an episode is first asked for, and kept for later runs (`pictures_on_disk`). Of a dataset
+    that was fetched in part (`--dataset.episodes`), the episodes of the missing files are left out; asking the store
+    for one of them is an error.
 
     Args:
         meta: The dataset.
         keys: Features to read.
-        location: "memory", or "disk" for files that are mapped into memory and shared between processes. What does not
-            fit into memory goes to disk by itself.
+        location: Where numbers are: "memory", or "disk" for files that are mapped into memory and shared between
+            processes. What does not fit into memory goes to disk by itself.
+        image_size: Pixels of the longer side of pictures; None keeps them as they are.
+
+    Returns:
+        The store; an episode of it is a run of frames with one task.
 
     Raises:
         UserError: The dataset lacks a feature, or the files do not hold the frames that the metadata promises.
     """
     clear_abandoned()
     starts, stops = check_metadata(meta, keys)
-    ledger = FrameLedger(meta.root, starts, stops, present := _present_episodes(meta))
-    if location == "disk" or not _fits_memory(meta, keys):
-        columns = mapped_columns(Path(meta.root), keys, lambda allocate: _read(meta, keys, allocate, ledger))
+    ledger = FrameLedger(meta.root, starts, stops, _present_episodes(meta))
+    shown = [key for key in keys if meta.features[key]["dtype"] in ("image", "video")]
+    numbers = [key for key in keys if key not in shown]
+    if location == "disk" or not _fits_memory(meta, numbers):
+        columns = mapped_columns(Path(meta.root), numbers, lambda allocate: _read(meta, numbers, allocate, ledger))
     else:
-        columns = _read(meta, keys, lambda _, shape, dtype: np.empty(shape, dtype), ledger)
-    tensors = {key: torch.from_numpy(column) for key, column in columns.items()}
-    return EpisodeStore(tensors, starts, stops - starts, present)
+        columns = _read(meta, numbers, lambda _, shape, dtype: np.empty(shape, dtype), ledger)
+    pictures = PicturesOnDisk(meta, shown, image_size)
+    tensors = {key: torch.from_numpy(column) for key, column in {**columns, **pictures.columns}.items()}
+    runs = task_runs(meta)
+    return EpisodeStore(
+        tensors, runs.starts, runs.lengths, ledger.present[runs.episodes], runs.episodes, pictures.fetch
+    )
 
 
 def _of_episodes(meta: "LeRobotDatasetMetadata", column: str) -> Array:
@@ -85,83 +98,22 @@ def _fits_memory(meta: "LeRobotDatasetMetadata", keys: Sequence[str]) -> bool:
 
 
 def _dtype(meta: "LeRobotDatasetMetadata", key: str) -> np.dtype:
-    name = meta.features[key]["dtype"]
-    return np.dtype("uint8" if name in ("image", "video") else name)
+    return np.dtype(meta.features[key]["dtype"])
 
 
 def _read(
     meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, ledger: FrameLedger
 ) -> dict[str, Array]:
-    pictures = [key for key in keys if meta.features[key]["dtype"] in ("image", "video")]
-    numbers = [key for key in keys if key not in pictures]
-    columns = _read_numbers(meta, numbers, allocate, ledger)
-    return {**columns, **_read_pictures(meta, pictures, allocate, ledger.present)}
-
-
-def _read_numbers(
-    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, ledger: FrameLedger
-) -> dict[str, Array]:
-    """Columns of all frames; those of episodes that are not present stay as they were allocated."""
+    """Columns of numbers of all frames; those of episodes that are not present stay as they were allocated."""
     shapes = {key: (meta.total_frames, *meta.features[key]["shape"]) for key in keys}
     columns = {key: allocate(key, shape, _dtype(meta, key)) for key, shape in shapes.items()}
     allowed = {key: bounds(meta, key) for key in keys}
-    for path, table in _tables(Path(meta.root), [*keys, "index", "episode_index"]):
-        frames = _values(path, table, "index")
-        rows = ledger.note(frames, _values(path, table, "episode_index"))
+    for path, table in tables(Path(meta.root), [*keys, "index", "episode_index"]):
+        frames = values(path, table, "index")
+        rows = ledger.note(frames, values(path, table, "episode_index"))
         for key, column in columns.items():
-            values = _values(path, table, key, column.shape[1:])
-            ledger.check_values(key, values, frames, allowed[key])
-            column[rows] = values
+            numbers = values(path, table, key, column.shape[1:])
+            ledger.check_values(key, numbers, frames, allowed[key])
+            column[rows] = numbers
     ledger.check_complete()
     return columns
-
-
-def _tables(root: Path, names: Sequence[str]) -> Iterator[tuple[Path, pa.Table]]:
-    """Row groups and the files they are from, so that memory stays at one of them."""
-    for path in sorted((root / "data").rglob("*.parquet")):
-        check_columns(path, names)
-        with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(batch_size=65_536, columns=list(names)):
-                yield path, pa.Table.from_batches([batch])
-
-
-def _values(path: Path, table: pa.Table, key: str, shape: tuple[int, ...] = ()) -> Array:
-    """Numbers of a column of scalars or (nested) lists, (rows, *shape)."""
-    array = table.column(key).combine_chunks()
-    if isinstance(array, pa.ExtensionArray):
-        array = array.storage
-    while pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type) or pa.types.is_large_list(array.type):
-        array = array.flatten()
-    if array.null_count or len(array) != table.num_rows * math.prod(shape):
-        raise UserError(
-            f"{path}: `{key}` does not hold {math.prod(shape)} numbers in each row: fetch the dataset again"
-        )
-    return array.to_numpy(zero_copy_only=False).reshape(table.num_rows, *shape)
-
-
-def _read_pictures(
-    meta: "LeRobotDatasetMetadata", keys: Sequence[str], allocate: Allocate, present: Array
-) -> dict[str, Array]:
-    """Decode pictures of the episodes that are there once, to uint8 with channels first."""
-    if not keys:
-        return {}
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset  # slow to import, needed for pictures only
-
-    episodes = None if present.all() else np.flatnonzero(present).tolist()
-    dataset = LeRobotDataset(meta.repo_id, root=meta.root, episodes=episodes, return_uint8=True)
-    columns: dict[str, Array] = {}
-    for frame in _progress((dataset[i] for i in range(len(dataset))), len(dataset)):
-        for key in keys:
-            if key not in columns:
-                columns[key] = allocate(key, (meta.total_frames, *frame[key].shape), _dtype(meta, key))
-            columns[key][int(frame["index"])] = _bytes(frame[key])
-    return columns
-
-
-def _bytes(picture: torch.Tensor) -> Array:
-    scaled = picture if picture.dtype == torch.uint8 else (picture * 255).round().to(torch.uint8)
-    return scaled.numpy()
-
-
-def _progress(frames: Iterable[dict[str, torch.Tensor]], total: int) -> Iterable[dict[str, torch.Tensor]]:
-    return tqdm(frames, total=total, desc="Decoding pictures", unit="frame", disable=None)

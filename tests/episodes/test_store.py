@@ -128,9 +128,9 @@ def folders(home: Path) -> set[Path]:
 
 
 def test_disk_reads_once_until_the_files_change(
-    pictures: Path, tmp_path: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
+    continuous: Path, tmp_path: Path, lerobot_home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    root, before = copied(pictures, tmp_path / "data"), folders(lerobot_home)
+    root, before = copied(continuous, tmp_path / "data"), folders(lerobot_home)
     keys = feature_keys(open_meta(root))
     first = load_episodes(open_meta(root), keys, "disk")
     (made,) = folders(lerobot_home) - before
@@ -250,7 +250,7 @@ def test_an_interrupted_disk_store_is_made_again(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("lerobot_lisa.episodes.load._values", interrupted)
+        patch.setattr("lerobot_lisa.episodes.load.values", interrupted)
         with pytest.raises(KeyboardInterrupt):
             load_episodes(open_meta(root), ["action"], "disk")
     assert folders(lerobot_home) == before
@@ -263,14 +263,14 @@ def test_processes_that_make_the_same_disk_store_do_not_meet(
 ) -> None:
     """A second process starts and finishes while the first one is still reading."""
     root, before = copied(symbolic, tmp_path / "data"), folders(lerobot_home)
-    values = load._values
+    values = load.values
 
     def in_between(*arguments: Any) -> object:
-        monkeypatch.setattr(load, "_values", values)
+        monkeypatch.setattr(load, "values", values)
         load_episodes(open_meta(root), ["action"], "disk")
         return values(*arguments)
 
-    monkeypatch.setattr(load, "_values", in_between)
+    monkeypatch.setattr(load, "values", in_between)
     store = load_episodes(open_meta(root), ["action"], "disk")
 
     assert torch.equal(store.columns["action"], load_episodes(open_meta(root), ["action"]).columns["action"])
