@@ -47,7 +47,8 @@ class Training:
 
     def lengths(self, batch: dict[str, Any]) -> torch.Tensor:
         """Frames of each episode of a batch."""
-        return self.policy.episode_store.lengths[batch["episode_index"].cpu()]
+        store = self.policy.episode_store
+        return store.lengths[store.holding(batch["index"])]
 
     def optimizer(self) -> torch.optim.Optimizer:
         """As configured."""

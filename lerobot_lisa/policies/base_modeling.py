@@ -20,6 +20,7 @@ from torch import Tensor
 
 from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.load import load_episodes
+from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.episodes.symmetries import Symmetries, Told, symmetry_words
 from lerobot_lisa.errors import UserError
@@ -114,7 +115,7 @@ class EpisodePolicy(PreTrainedPolicy):
         """Loss of the whole episodes that a batch's frames belong to.
 
         Args:
-            batch: From LeRobot's loader and this policy's preprocessor. Read are `episode_index` (B,), `index` (B,),
+            batch: From LeRobot's loader and this policy's preprocessor. Read are `index` (B,),
                 `observation.language.tokens` (B, M) and `observation.language.attention_mask` (B, M).
             reduction: "mean", or "none" for one loss per frame of the batch, (B,).
 
@@ -141,6 +142,8 @@ class EpisodePolicy(PreTrainedPolicy):
     def gather(self, batch: Mapping[str, Any]) -> tuple[dict[str, Tensor], Packing]:
         """The whole episodes of a batch's frames, under the policy's names and in its scale.
 
+        An episode is a run of frames with one task, as in a rollout, which starts anew with every instruction.
+
         This is no step of the preprocessor, which would rename and scale whole episodes as it does single frames:
         LeRobot rebuilds the preprocessor from JSON to resume and to fine-tune, and tells its steps nothing of the
         dataset that is trained on then. So names are found as the batch shows them renamed, and the scaling is the
@@ -151,13 +154,14 @@ class EpisodePolicy(PreTrainedPolicy):
         """
         first = self._store is None
         store = self._episodes(batch)
-        frames, packing = store.gather(batch["episode_index"], self._device)
+        episodes = store.holding(batch["index"].reshape(-1))
+        frames, packing = store.gather(episodes, self._device)
         frames = self.scaled(frames)
         frames[ACTION] = frames[ACTION].reshape(packing.total, -1)
         if frames[ACTION].dtype == torch.bool:
             frames[ACTION] = frames[ACTION].float()  # numbers to subtract
         if first:
-            self._check_scaling(batch, frames, store.starts, packing)
+            self._check_scaling(batch, frames, store.starts[episodes], packing)
         return frames, packing
 
     def scaled(self, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -190,10 +194,8 @@ class EpisodePolicy(PreTrainedPolicy):
         self, batch: Mapping[str, Any], frames: Mapping[str, Tensor], starts: Tensor, packing: Packing
     ) -> None:
         """Compare the batch's frames as the preprocessor made them: LeRobot resumes with a checkpoint's statistics."""
-        if "index" not in batch:
-            return
-        episodes, index = batch["episode_index"].reshape(-1).cpu(), batch["index"].reshape(-1).cpu()
-        rows = (index - starts[episodes] + packing.lengths.cumsum(0) - packing.lengths).to(packing.device)
+        index = batch["index"].reshape(-1).cpu()
+        rows = (index - starts + packing.lengths.cumsum(0) - packing.lengths).to(packing.device)
         numbers = [key for key, value in self.config.input_features.items() if value.type is FeatureType.STATE]
         for key in (key for key in (*numbers, ACTION) if key in batch):
             ours, theirs = frames[key][rows].float(), batch[key].to(packing.device).float()
@@ -336,8 +338,8 @@ class EpisodePolicy(PreTrainedPolicy):
 def _learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
     """What LeRobot's hook for features has not been told."""
     named = (*(config.input_features or {}), ACTION)  # `--rename_map` gives some other names than the dataset's
-    starts, stops = check_metadata(meta, [key for key in named if key in meta.features])
-    config.set_dataset_statistics(meta.stats, int((stops - starts).max()))
+    check_metadata(meta, [key for key in named if key in meta.features])
+    config.set_dataset_statistics(meta.stats, int(task_runs(meta).lengths.max()))
     tasks = [str(task) for task in meta.tasks.index]
     if config.language_encoder == WORDS and not config.vocabulary:
         config.vocabulary = build_vocabulary(tasks)
@@ -377,7 +379,7 @@ def _drawing_from(batch: Mapping[str, Any], device: torch.device) -> Iterator[No
     LeRobot restores torch's generator when it resumes, but its loader then draws from it once more than without an
     interruption. Which frames make a step depends on `--seed` and the step alone, resumed or not.
     """
-    frames = batch.get("index", batch["episode_index"])
+    frames = batch["index"]
     rank = torch.distributed.get_rank() if torch.distributed.is_initialized() else 0
     drawn = hashlib.blake2b(repr((rank, frames.reshape(-1).tolist())).encode(), digest_size=7)
     with torch.random.fork_rng([device] if device.type == "cuda" else []):
