@@ -19,6 +19,8 @@ DPI = 144  # sharp at 96 CSS pixels to the inch on a screen of one and a half ti
 PAGE_WIDTH = 10.8  # inches
 CELL = 0.21  # inches that a row of a heat map is high, unless there are many
 LABELLED = 60  # of more rows, or two thirds as many columns, only every few get a label
+MOST_CODES = 60
+"""Skill codes that a figure shows; of a larger codebook those that were used, the most frequent first."""
 
 _SETTINGS = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -114,6 +116,14 @@ def clip(text: str, most: int = 40) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
+def shorten(label: str, most: int = 40) -> str:
+    """A name of a few parts, such as "817 pick up / red ball", in about so many letters: a bit of every part stays."""
+    parts = label.split(" / ")
+    if len(label) <= most or len(parts) == 1:
+        return clip(label, most)
+    return " / ".join(clip(part, max(4, (most - 3 * (len(parts) - 1)) // len(parts))) for part in parts)
+
+
 def height(rows: int) -> float:
     """Inches that so many rows of a heat map need."""
     return CELL * min(rows, LABELLED)
@@ -122,7 +132,7 @@ def height(rows: int) -> float:
 def draw_heat_map(axes: Axes, grid: Grid, highest: float | None = None) -> None:
     """Darker for more, so that it can be read without colours; nan stays white, `highest` or the greatest is black."""
     image = axes.imshow(grid.values, cmap="Greys", aspect="auto", vmin=0, vmax=highest, interpolation="nearest")
-    rows, columns = [clip(name) for name in grid.rows], [clip(name) for name in grid.columns]
+    rows, columns = [shorten(name) for name in grid.rows], [shorten(name) for name in grid.columns]
     every = -(-len(columns) * 3 // (LABELLED * 2))
     turned = 90 if max(map(len, columns)) > 6 else 0
     axes.set_xticks(range(0, len(columns), every), columns[::every], fontsize=7, rotation=turned)
@@ -141,8 +151,8 @@ def draw_heat_map(axes: Axes, grid: Grid, highest: float | None = None) -> None:
 
 def heat_map(grid: Grid, title: str, sample: str, highest: float | None = None) -> Figure:
     """A figure of one heat map, as wide as the page at most; see `draw_heat_map`."""
-    names = 0.3 + 0.085 * max(len(clip(name)) for name in grid.rows)
-    below = 0.06 * max(len(clip(name)) for name in grid.columns)
+    names = 0.3 + 0.085 * max(len(shorten(name)) for name in grid.rows)
+    below = 0.06 * max(len(shorten(name)) for name in grid.columns)
     width = min(PAGE_WIDTH, max(5.0, 0.3 * len(grid.columns) + names + 1.6))
     figure = new_figure(width, max(2.0, height(len(grid.rows)) + 1.1 + (below if below > 0.36 else 0)))
     axes = figure.add_subplot()

@@ -9,6 +9,7 @@ import pandas as pd
 
 from lerobot_lisa.analysis.drawing import Plot, clip
 from lerobot_lisa.analysis.recording.frames import Example
+from lerobot_lisa.analysis.recording.looks import Look
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.training_data import TrainingData
 
@@ -23,6 +24,7 @@ class Material:
         trace: Of the evaluation.
         data: Of the training: what was seen in it, and the names of actions.
         examples: Frames of chunks; there may be none.
+        looks: Where each skill looked; nothing if that was not recorded, or the policy asks nothing of what it sees.
         permutations: How often instructions are dealt to other episodes, to see what chance gives.
         font: TrueType file for word clouds; None: DejaVu Sans.
     """
@@ -30,6 +32,7 @@ class Material:
     trace: Trace
     data: TrainingData
     examples: Sequence[Example] = ()
+    looks: Sequence[Look] = ()
     permutations: int = PERMUTATIONS
     font: Path | None = None
 
@@ -53,12 +56,14 @@ class Heading(NamedTuple):
         episodes: How many used it.
         share: Of all choices.
         words: That set it apart, and how many times as frequent as usual they are.
+        looks: Where it looked, in words.
     """
 
     label: str
     episodes: int
     share: float
     words: list[tuple[str, float]]
+    looks: str = ""
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,13 @@ class History:
         step: Steps since reset.
         actions: (B, A) previous actions; set by whoever picks them.
         looks: (B, places) where was looked in the newest observation; None if observations keep no parts.
+        questions: (B,) how many questions it was asked; each looks once, at places or at nothing.
     """
 
     step: int = 0
     actions: Tensor | None = None
     looks: Tensor | None = None
+    questions: Tensor | None = None
 
 
 class EpisodeNetwork(nn.Module, ABC):

@@ -137,7 +137,7 @@ class Lisa(EpisodeNetwork):
         previous = history.actions if step_in_chunk else None
         history.step += 1
         wanted, looks = self._ask_skill(seen, history.skill, self.skill_embedding(history.skill), None)
-        history.looks = looks
+        history.looks, history.questions = looks, torch.full(wanted.shape[:1], history.skill.shape[1])
         return self.action_predictor.step(history.policy, step_in_chunk, wanted, previous)
 
     def _choose_skill(self, history: LisaHistory, planned: int | None) -> None:

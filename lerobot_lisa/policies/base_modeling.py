@@ -232,6 +232,11 @@ class EpisodePolicy(PreTrainedPolicy):
         places = self.network.observations.places
         return dict(zip(places, looks.split(list(places.values()), dim=1), strict=True))
 
+    @property
+    def questions(self) -> Tensor | None:
+        """How many questions each newest observation was asked, (B,): a code's parts (LISA) or words (Lang-DT)."""
+        return None if self._history is None else self._history.questions
+
     def reset(self) -> None:
         """Forget the rollout: the next observation is an episode's first."""
         self._history = None

@@ -6,6 +6,7 @@ import av
 import numpy as np
 import pandas as pd
 import pytest
+import tiny_checkpoints
 from tiny_checkpoints import CODES
 
 from lerobot_lisa.analysis.control import matrix
@@ -111,6 +112,23 @@ def test_a_matrix_of_tasks_and_codes(
     assert set(table["episodes"]) == {1}
     assert set(codes_of(output / "skill_3")[0]) == {3}
     assert "GoToRedBallNoDists: best alone is code" in capsys.readouterr().out
+
+
+def test_of_many_codes_the_matrix_has_those_that_the_policy_chose(
+    symbolic: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = {"n_code_parts": 2, "codebook_size": 40}
+    policy = tiny_checkpoints.lisa(symbolic, output.with_name("two_parts"), **settings)
+    assert rollout(monkeypatch, policy, output, "--skill=all", "--n_episodes=1") == 0
+
+    chosen = set(codes_of(output / "skill_own")[0])
+    assert {path.name for path in output.glob("skill_*") if path.is_dir()} == {
+        "skill_own",
+        *(f"skill_{code}" for code in chosen),
+    }
+    table = pd.read_csv(output / "skill_matrix.csv")
+    assert set(table["left_out"]) == {1600 - len(chosen)}
+    assert all(" / " in label for label in table["code"][1:])
 
 
 def test_the_matrix_has_random_actions_beside_the_policys_own_codes() -> None:

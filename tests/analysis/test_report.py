@@ -81,6 +81,47 @@ def test_frames_show_chunks_that_followed_the_code(made: Path) -> None:
         assert len({picture.shape for picture in example.pictures()}) == 1
 
 
+def test_it_says_where_skills_look(made: Path) -> None:
+    page = (made / "report.html").read_text(encoding="utf-8")
+    assert "<h2>Where skills look</h2>" in page
+    assert "<dt>Looks</dt>" in page
+    assert "It pays " in page or "It looks at nothing" in page
+    used = set(pd.read_parquet(made / "trace" / STEPS_FILE)["code"])
+    places = pd.read_csv(made / "figures" / "looks_grid.csv")
+    named = pd.read_csv(made / "figures" / "looks_by_name.csv")
+    assert len(places) == 49 * len(used)
+    assert {int(label.split()[0]) for label in named["skill_code"]} == used
+    by_skill = named.groupby("skill_code")
+    assert by_skill["attention"].sum().tolist() == pytest.approx(by_skill["attention_paid"].first().tolist(), abs=1e-4)
+
+
+@pytest.fixture(scope="module")
+def two_parts(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a LISA checkpoint with codes of two parts, 40 of each."""
+    settings = {"n_code_parts": 2, "codebook_size": 40}
+    return tiny_checkpoints.lisa(symbolic, tmp_path_factory.mktemp("two_parts"), **settings)
+
+
+def test_of_many_codes_those_that_were_used_are_told(
+    two_parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, two_parts, tmp_path / "out", "--listening=false") == 0
+    steps = pd.read_parquet(tmp_path / "out" / "trace" / STEPS_FILE)
+    chosen = steps[steps["step"] % tiny_checkpoints.HORIZON == 0]["code"].value_counts()
+    usage = pd.read_csv(tmp_path / "out" / "figures" / "code_usage.csv")
+    assert usage["choices"].tolist() == chosen.tolist()  # the most frequent first
+    assert all(" / " in label for label in usage["skill_code"])
+    assert {int(label.split()[0]) for label in usage["skill_code"]} == set(chosen.index)
+    for name in ("code_transitions", "skill_words_pmi", "actions_by_code", "code_usage_over_time"):
+        assert set(pd.read_csv(tmp_path / "out" / "figures" / f"{name}.csv")["skill_code"]) == set(usage["skill_code"])
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"Left out: {1600 - len(chosen):,} codes that were never chosen." in page
+    assert f"Codes in use: {len(chosen)} of 1600" in capsys.readouterr().out
+    assert {path.stem for path in (tmp_path / "out" / "figures").glob("skill_[0-9]*.png")} == {
+        f"skill_{code:03d}" for code in chosen.index
+    }
+
+
 def test_again_evaluates_nothing_and_gives_the_same(
     lisa: Path, made: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -99,6 +140,8 @@ def test_flat_policies_get_the_success_part(
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Lang-DT is flat: it acts on instructions and observations without skill codes" in page
     assert not list((tmp_path / "out" / "figures").glob("skill*"))
+    assert "The instruction pays " in page
+    assert (tmp_path / "out" / "figures" / "looks_grid.csv").is_file()
     assert "Success: " in capsys.readouterr().out
 
 

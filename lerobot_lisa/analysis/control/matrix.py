@@ -7,9 +7,11 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from lerobot_lisa.analysis.drawing import Grid, Plot, heat_map, styled
-from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, code_labels, load, steered
+from lerobot_lisa.analysis.drawing import MOST_CODES, Grid, Plot, heat_map, styled
+from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load, steered
 from lerobot_lisa.analysis.recording.record import record
+from lerobot_lisa.analysis.recording.traces import Trace
+from lerobot_lisa.analysis.skills.choices import choices
 from lerobot_lisa.analysis.success.breakdown import by_task
 
 OWN, RANDOM = "own", "rand."
@@ -25,10 +27,12 @@ READING = (
 def measure(config: EvaluationConfig) -> pd.DataFrame:
     """Success rates of every task with the policy's own codes and with each code alone.
 
-    Every code's evaluation is a trace of its own in `config.output_dir`, so that an interrupted matrix goes on.
+    Every code's evaluation is a trace of its own in `config.output_dir`, so that an interrupted matrix goes on. Of a
+    codebook of more than `MOST_CODES` only those are tried that the policy itself chose, the most frequent first.
 
     Returns:
-        Columns `task`, `code` ("own", and the codes' labels: "0", "1", ...) and those of `success.rates`.
+        Columns `task`, `code` ("own", and the codes' labels: "0", "1", ...), those of `success.rates`, and `left_out`,
+        the number of codes that were not tried.
 
     Raises:
         UserError: The policy has no skill codes, or the evaluation cannot work.
@@ -36,16 +40,21 @@ def measure(config: EvaluationConfig) -> pd.DataFrame:
     from lerobot.envs import make_env
 
     evaluation = load(steered(config, None))
-    plans: dict[str, str | None] = {OWN: None}
-    plans |= {label: str(code) for code, label in enumerate(code_labels(evaluation.policy))}
-    tables = []
-    for code, plan in tqdm(plans.items(), unit="code", disable=None):
+
+    def run(plan: str | None) -> Trace:
         evaluation.policy.follow(plan)
         envs = make_env(config.env, n_envs=config.batch_size, use_async_envs=config.use_async_envs)
         again, folder = evaluation._replace(envs=envs), config.output_dir / f"skill_{plan or OWN}"
-        trace = record(steered(config, plan), folder, evaluation=again)
-        tables.append(by_task(trace).rename(columns={"part": "task"}).assign(code=code))
-    return pd.concat(tables, ignore_index=True)
+        return record(steered(config, plan), folder, evaluation=again)
+
+    own = run(None)
+    made = choices(own)
+    tried = list(zip(made.codes, made.labels, strict=True))[:MOST_CODES]
+    tables = [by_task(own).assign(code=OWN)]
+    for code, label in tqdm(tried, unit="code", disable=None):
+        tables.append(by_task(run(str(code))).assign(code=label))
+    table = pd.concat(tables, ignore_index=True).rename(columns={"part": "task"})
+    return table.assign(left_out=made.size - len(tried))
 
 
 def matrix_plot(table: pd.DataFrame, sample: str) -> Plot:
@@ -64,7 +73,9 @@ def matrix_plot(table: pd.DataFrame, sample: str) -> Plot:
     grid = Grid(percent.to_numpy(np.float64), list(percent.index), list(percent.columns), axes, "success (%)")
     with styled():
         figure = heat_map(grid, _TITLE, sample, highest=100)
-    return Plot("skill_matrix", _TITLE, figure, table, READING)
+    missing = int(table["left_out"].iloc[0]) if "left_out" in table else 0
+    note = f" Left out: {missing:,} codes that the policy itself chose rarely or never." if missing else ""
+    return Plot("skill_matrix", _TITLE, figure, table, READING + note)
 
 
 def said(table: pd.DataFrame) -> Iterator[str]:

@@ -97,7 +97,7 @@ def summary(trace: Trace) -> Iterator[str]:
     """Lines about the first episodes of each task, what codes they followed, and the success rate of each task."""
     names = breakdown.task_names(trace)
     codes = trace.steps.groupby(KEY, sort=False, observed=True)["code"]
-    followed = {key: as_plan(part.dropna()) for key, part in codes}
+    followed = {key: as_plan(part.dropna()) + called(part.dropna(), trace) for key, part in codes}
     for row in trace.episodes.itertuples():
         if row.episode < _LISTED:
             ended = "success" if row.success else "failure"
@@ -110,6 +110,14 @@ def summary(trace: Trace) -> Iterator[str]:
 def as_plan(codes: Iterable[int]) -> str:
     """The codes of an episode's steps as a plan, such as "14*20,2*7"."""
     return ",".join(f"{code}*{len(list(steps))}" for code, steps in groupby(codes))
+
+
+def called(codes: Iterable[int], trace: Trace) -> str:
+    """What the codes are called, in the order of their first use, such as " (14 red ball, 2 grey key)"; "" if only
+    by their numbers."""
+    labels = trace.code_labels if trace.has_codes else []
+    names = [drawing.shorten(labels[code]) for code in dict.fromkeys(codes) if labels[code] != str(code)]
+    return f" ({', '.join(names)})" if names else ""
 
 
 if __name__ == "__main__":

@@ -35,16 +35,30 @@ class Batch(NamedTuple):
         return f"{plain}{told_apart}_{self.task_id}"
 
 
-class SkillCodes(NamedTuple):
-    """Where to ask for skill codes.
+class Looks(NamedTuple):
+    """Where a policy looked before its latest actions.
 
     Attributes:
-        latest: Returns those that the latest actions followed, a tensor (B,), or None.
-        labels: What the K codes are called.
+        attention: (B, places) for each observation feature.
+        questions: (B,) how many questions were asked; each has an attention of 1, for places or for nothing.
     """
 
-    latest: Callable[[], Any]
+    attention: Mapping[str, NDArray[np.float32]]
+    questions: NDArray[np.int64]
+
+
+class Insight(NamedTuple):
+    """Where to ask what goes on in a policy.
+
+    Attributes:
+        codes: Returns the skill codes that the latest actions followed, a tensor (B,), or None.
+        labels: What the K codes are called.
+        looks: Returns where it looked before the latest actions, or None.
+    """
+
+    codes: Callable[[], Any]
     labels: Sequence[str]
+    looks: Callable[[], Looks | None] = lambda: None
 
 
 class Moment(NamedTuple):
@@ -58,6 +72,8 @@ class Moment(NamedTuple):
         codes: Skill code (B,) that the next step follows; None for a policy without, and when all is over.
         instructions: What the policy was told in each environment.
         labels: What the K codes are called.
+        observation: What the next step is chosen on, as the environment shows it.
+        looks: Where the policy looked in it; None when all is over, or if it asks nothing.
     """
 
     env: Any
@@ -67,6 +83,8 @@ class Moment(NamedTuple):
     codes: NDArray[np.int64] | None
     instructions: list[str]
     labels: Sequence[str] = ()
+    observation: Any = None
+    looks: Looks | None = None
 
 
 class Watcher(Protocol):
@@ -92,18 +110,18 @@ class RecordingEnv:
     """
 
     def __init__(
-        self, env: Any, codes: SkillCodes, batch: Batch, episodes: int, watchers: Sequence[Watcher] = ()
+        self, env: Any, insight: Insight, batch: Batch, episodes: int, watchers: Sequence[Watcher] = ()
     ) -> None:
         """Wrap an environment.
 
         Args:
             env: What LeRobot would evaluate in.
-            codes: Where to ask for the policy's skill codes.
+            insight: Where to ask what goes on in the policy.
             batch: Which episodes it will run.
             episodes: How many environments count, the first ones: LeRobot fills up its last batch.
             watchers: Told about every step.
         """
-        self._env, self._codes, self._watchers = env, codes, tuple(watchers)
+        self._env, self._insight, self._watchers = env, insight, tuple(watchers)
         self._batch, self._episodes = batch, episodes
         self._rows: list[_Row] = []
         self._seeds: list[int | None] = []
@@ -134,8 +152,10 @@ class RecordingEnv:
     def step(self, actions: NDArray[Any]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Act once, noting what LeRobot knew and did."""
         live, codes = np.flatnonzero(self._live).tolist(), self._current_codes()
-        for watcher in self._watchers:
-            watcher.before_step(self._moment(live, codes))
+        if self._watchers:
+            moment = self._moment(live, codes)._replace(observation=self._observation, looks=self._insight.looks())
+            for watcher in self._watchers:
+                watcher.before_step(moment)
         known = [(hash_observation(self._observation, i), np.array(actions[i], np.float32).ravel()) for i in live]
         result = self._env.step(actions)
         self._observation, _, terminated, truncated, info = result
@@ -162,10 +182,10 @@ class RecordingEnv:
         return pa.table([pa.array(column, kind) for column, kind in zip(columns, STEPS.types, strict=True)], STEPS)
 
     def _moment(self, live: list[int], codes: NDArray[np.int64] | None) -> Moment:
-        return Moment(self._env, self._batch, self._step, live, codes, self._instructions, self._codes.labels)
+        return Moment(self._env, self._batch, self._step, live, codes, self._instructions, self._insight.labels)
 
     def _current_codes(self) -> NDArray[np.int64] | None:
-        codes = self._codes.latest()
+        codes = self._insight.codes()
         return None if codes is None else np.asarray(codes.cpu())
 
 

@@ -12,7 +12,7 @@ from lerobot.configs import PreTrainedConfig, parser
 from lerobot.envs.configs import EnvConfig
 
 from lerobot_lisa.analysis.commands import check_number
-from lerobot_lisa.analysis.recording.environment import Batch, RecordingEnv, SkillCodes, Watcher
+from lerobot_lisa.analysis.recording.environment import Batch, Insight, Looks, RecordingEnv, Watcher
 from lerobot_lisa.analysis.recording.traces import EPISODES, KEY
 from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
 from lerobot_lisa.errors import UserError
@@ -177,14 +177,22 @@ def run_batch(
     policy, episodes = evaluation.policy, min(config.batch_size, config.n_episodes - batch.first)
     policy.rollouts = rollout
     env = evaluation.envs[batch.group][batch.task_id]
-    codes = SkillCodes(lambda: getattr(policy, "skill_codes", None), code_labels(policy))
-    recording = RecordingEnv(env, codes, batch, episodes, watchers)
+    insight = Insight(lambda: getattr(policy, "skill_codes", None), code_labels(policy), lambda: _looks(policy))
+    recording = RecordingEnv(env, insight, batch, episodes, watchers)
     with torch.no_grad(), _autocast(policy.config):
         seed = config.seed + batch.first
         outcome = eval_policy(recording, policy, **evaluation.pipelines, n_episodes=episodes, start_seed=seed)
     recording.end_rollout()
     steps = recording.trace()
     return steps, _summarise(steps, [episode["success"] for episode in outcome["per_episode"]])
+
+
+def _looks(policy: Any) -> Looks | None:
+    looks = getattr(policy, "looks", None)
+    if looks is None:
+        return None
+    attention = {key: places.float().cpu().numpy() for key, places in looks.items()}
+    return Looks(attention, policy.questions.cpu().numpy())
 
 
 def _summarise(steps: pa.Table, successes: Sequence[bool]) -> pa.Table:

@@ -15,15 +15,18 @@ from lerobot_lisa.analysis import training_data
 from lerobot_lisa.analysis.commands import check_number, run_command
 from lerobot_lisa.analysis.listening import heard
 from lerobot_lisa.analysis.material import PERMUTATIONS, Material
-from lerobot_lisa.analysis.recording import frames
+from lerobot_lisa.analysis.recording import frames, looks
+from lerobot_lisa.analysis.recording.environment import Watcher
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
 from lerobot_lisa.analysis.recording.frames import FrameCollector
+from lerobot_lisa.analysis.recording.looks import LooksCollector
 from lerobot_lisa.analysis.recording.record import NOTE, locked, record
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.report.build import FIGURES, PAGE, build
 from lerobot_lisa.analysis.skills.sheets import check_font
 from lerobot_lisa.analysis.training_data import DatasetOptions
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 
 TRACE, LISTENING = "trace", "listening"
 
@@ -76,8 +79,9 @@ def report(config: ReportConfig) -> None:
     trace = _record(config)
     runs = heard.measure(config, config.output_dir / LISTENING, own=trace) if config.listening else None
     examples = frames.read(config.output_dir / TRACE, config.examples)
+    looked = looks.read(config.output_dir / TRACE)
     with locked(config.output_dir / TRACE), _building(config.output_dir) as folder:
-        numbers = build(folder, Material(trace, data, examples, config.permutations, config.font), runs)
+        numbers = build(folder, Material(trace, data, examples, looked, config.permutations, config.font), runs)
         _move_in_place(folder, config.output_dir)
     for name, number, meaning in numbers:
         print(f"{name}: {number} ({meaning})")
@@ -94,9 +98,12 @@ def _check_folder(folder: Path) -> None:
 
 def _record(config: ReportConfig) -> Trace:
     folder, horizon = config.output_dir / TRACE, getattr(config.policy, "horizon", None)
-    if not config.examples or horizon is None:
-        return record(config, folder)
-    return record(config, folder, [FrameCollector(folder, horizon, config.examples)])
+    watchers: list[Watcher] = []
+    if isinstance(config.policy, EpisodePolicyConfig):
+        watchers.append(LooksCollector(folder, config.policy))
+    if config.examples and horizon is not None:
+        watchers.append(FrameCollector(folder, horizon, config.examples))
+    return record(config, folder, watchers)
 
 
 @contextmanager

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lerobot_lisa.analysis.drawing import Plot
+from lerobot_lisa.analysis.drawing import MOST_CODES, Plot
 from lerobot_lisa.analysis.material import Answer, Heading, Material
-from lerobot_lisa.analysis.skills import choices, information, words
+from lerobot_lisa.analysis.skills import choices, information, looking, words
 from lerobot_lisa.analysis.skills.sheets import skill_sheet
 from lerobot_lisa.analysis.skills.words import SkillWords, top_words, word_table
 
@@ -37,6 +37,8 @@ SKILLS = (
 def answers(material: Material) -> Iterator[Answer]:
     """What do the skills mean? One section that says so for a policy without skill codes."""
     trace, sample = material.trace, material.sample
+    if material.looks and not trace.has_codes:
+        yield looking.answer(material)
     if not trace.has_codes:
         yield Answer("skills", "Skills", NO_SKILLS[trace.origin["policy"]["type"]])
         return
@@ -48,6 +50,8 @@ def answers(material: Material) -> Iterator[Answer]:
     yield Answer("codes", "Codes", _about_codes(material), plots, numbers=_about_choices(made))
     yield _information(material, made, instructions, vocabulary, table)
     yield Answer("words", "Words and skills", WORDS if vocabulary else NO_WORDS, words.plots(found, sample))
+    if material.looks:
+        yield looking.answer(material)
     yield _skill_by_skill(material, made, found)
 
 
@@ -98,19 +102,26 @@ def _information(
 def _skill_by_skill(material: Material, made: choices.Choices, found: SkillWords) -> Answer:
     """Word cloud and frames of the codes that were used, the most frequent first."""
     chosen, episodes = made.counts.sum(0), made.used.sum(0)
-    order = [int(code) for code in np.argsort(-chosen, kind="stable") if chosen[code]]
+    order = [int(place) for place in np.argsort(-chosen, kind="stable") if chosen[place]][:MOST_CODES]
     telling = top_words(found, most=6)
+    looks = {looker.label: looker.in_words() for looker in looking.found_in(material)}
+    rarer = int((chosen > 0).sum()) - len(order)
+    left_out = f" The {rarer:,} rarest of those that were chosen are left out." if rarer else ""
     headings = [
         Heading(
-            found.labels[code],
-            int(episodes[code]),
-            chosen[code] / chosen.sum(),
-            [(word, times) for word, times in telling[code] if times >= NOTABLE],
+            found.labels[place],
+            int(episodes[place]),
+            chosen[place] / chosen.sum(),
+            [(word, times) for word, times in telling[place] if times >= NOTABLE],
+            looks.get(found.labels[place], ""),
         )
-        for code in order
+        for place in order
     ]
+    examples = {
+        made.codes[place]: [each for each in material.examples if each.code == made.codes[place]] for place in order
+    }
     plots = (
-        skill_sheet(code, found, [example for example in material.examples if example.code == code], material.font)
-        for code in order
+        skill_sheet(code, place, found, examples[code], material.font)
+        for place, code in zip(order, examples, strict=True)
     )
-    return Answer("skills", "Skill by skill", SKILLS, plots, headings)
+    return Answer("skills", "Skill by skill", SKILLS + left_out, plots, headings)

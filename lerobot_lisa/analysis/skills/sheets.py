@@ -9,7 +9,7 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from lerobot_lisa.analysis.drawing import GREY, PAGE_WIDTH, Plot, clip, new_figure
+from lerobot_lisa.analysis.drawing import GREY, PAGE_WIDTH, Plot, clip, new_figure, shorten
 from lerobot_lisa.analysis.recording.frames import Example
 from lerobot_lisa.analysis.skills.words import SkillWords, contributions, lift, normalise
 from lerobot_lisa.errors import UserError
@@ -18,11 +18,12 @@ CLOUD = (420, 300)  # pixels
 FRAME = 180  # pixels along the longer side of a frame
 
 
-def skill_sheet(code: int, found: SkillWords, examples: Sequence[Example], font: Path | None) -> Plot:
+def skill_sheet(code: int, place: int, found: SkillWords, examples: Sequence[Example], font: Path | None) -> Plot:
     """A skill's word cloud beside strips of frames.
 
     Args:
         code: The skill.
+        place: Its place among those whose words were counted.
         found: Words of all skills.
         examples: Chunks that the skill was followed in; there may be none.
         font: TrueType file for the cloud; None: DejaVu Sans.
@@ -34,7 +35,7 @@ def skill_sheet(code: int, found: SkillWords, examples: Sequence[Example], font:
         "count": found.counts, "share_of_skill": normalise(found.counts, 0), "lift": lift(found.counts),
         "bits": contributions(found.counts),
     }  # fmt: skip
-    table = pd.DataFrame({"word": list(found.words), **{name: values[:, code] for name, values in measures.items()}})
+    table = pd.DataFrame({"word": list(found.words), **{name: values[:, place] for name, values in measures.items()}})
     figure = new_figure(PAGE_WIDTH, 1.0 + 1.35 * max(1, len(examples)))
     left, right = figure.subfigures(1, 2, width_ratios=[1, 2.4], squeeze=False)[0]
     _draw_cloud(left.add_subplot(), dict(zip(table["word"], table["bits"], strict=True)), font)
@@ -45,7 +46,7 @@ def skill_sheet(code: int, found: SkillWords, examples: Sequence[Example], font:
         "happens while the code holds, in chunks drawn by lot. Good: the frames do what the words say."
     )
     table = table.sort_values("bits", ascending=False, kind="stable")
-    return Plot(f"skill_{code:03d}", f"Skill {found.labels[code]}", figure, table, reading)
+    return Plot(f"skill_{code:03d}", f"Skill {shorten(found.labels[place], 100)}", figure, table, reading)
 
 
 def _draw_cloud(axes: Axes, weights: dict[str, float], font: Path | None) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_lisa.analysis.drawing import Grid, Plot, heat_map
+from lerobot_lisa.analysis.drawing import MOST_CODES, Grid, Plot, heat_map
 
 Counts = NDArray[np.int64]
 Numbers = NDArray[np.float64]
@@ -22,7 +22,7 @@ class SkillWords:
     Attributes:
         words: W words in alphabetical order.
         counts: How often each word was in an instruction that each skill was used for, (W, K).
-        labels: Of the K codes.
+        labels: Of the K codes that are counted.
     """
 
     words: Sequence[str]
@@ -118,13 +118,16 @@ def plots(found: SkillWords, sample: str) -> Iterator[Plot]:
     if not found.words:
         return
     rows, everything = notable(found.counts), _measures(found)
-    whose = f" The {len(rows)} most telling of {len(found.words)} words; the CSV has all."
+    cut = [f"the {len(rows)} most telling of {len(found.words):,} words"] * (len(rows) < len(found.words))
+    skills = found.labels[:MOST_CODES]
+    cut += [f"the {len(skills)} most frequent of {len(found.labels):,} skills"] * (len(skills) < len(found.labels))
+    whose = f" Shown: {' and '.join(cut)}; the CSV has all." if cut else ""
     for measure, (name, title, unit, reading) in _MAPS.items():
         values = np.asarray(everything[measure], np.float64)
-        grid = Grid(values[rows], [found.words[row] for row in rows], found.labels, ("word", "skill code"), unit)
+        shown = values[rows, : len(skills)]
+        grid = Grid(shown, [found.words[row] for row in rows], skills, ("word", "skill code"), unit)
         table = Grid(values, found.words, found.labels, grid.axes, unit).table(**everything)
-        note = whose if len(rows) < len(found.words) else ""
-        yield Plot(name, title, heat_map(grid, title, sample), table, reading + note)
+        yield Plot(name, title, heat_map(grid, title, sample), table, reading + whose)
 
 
 def _measures(found: SkillWords) -> dict[str, NDArray]:
