@@ -26,6 +26,7 @@ LEVEL = "GoToLocal"
 REPO_ID = "quickstart/babyai_gotolocal"
 DEMONSTRATIONS = 20_000
 EVALUATION_EPISODES = 200
+STEPS = 15  # of an evaluation episode, at most: three times what the bot needs; BabyAI itself allows 64
 PROGRESS = re.compile(r"\bstep:\S+ .*")  # of what LeRobot logs, the lines about training
 
 
@@ -54,11 +55,13 @@ def plan(folder: Path, seed: int, recipe: Path) -> list[Step]:
     generate = ["python", "-m", "dataset_converters.babyai", "generate", f"--level={LEVEL}"]
     generate += [f"--episodes={DEMONSTRATIONS}", f"--root={data}", f"--repo-id={REPO_ID}"]
     evaluate = ["lerobot-eval", f"--policy.path={policy}", "--policy.device=cpu", "--env.type=babyai"]
-    evaluate += [f"--env.task={LEVEL}", f"--eval.n_episodes={EVALUATION_EPISODES}", "--eval.batch_size=50"]
+    evaluate += [f"--env.task={LEVEL}", f"--env.max_episode_steps={STEPS}"]
+    evaluate += [f"--eval.n_episodes={EVALUATION_EPISODES}", "--eval.batch_size=50"]
     evaluate += ["--eval.use_async_envs=false", "--seed=1000", f"--output_dir={evaluation}"]
     rates = ["python", "-m", "lerobot_lisa.analysis.success", str(evaluation / "eval_info.json")]
     listen = ["lisa-diagnose", "heard", f"--policy.path={policy}", "--policy.device=cpu", "--env.type=babyai"]
-    listen += [f"--env.task={LEVEL}", f"--n_episodes={EVALUATION_EPISODES}", "--batch_size=50", "--seed=1000"]
+    listen += [f"--env.task={LEVEL}", f"--env.max_episode_steps={STEPS}"]
+    listen += [f"--n_episodes={EVALUATION_EPISODES}", "--batch_size=50", "--seed=1000"]
     words = ["python", "-m", "lerobot_lisa.analysis.skills", f"--policy.path={policy}", "--policy.device=cpu"]
     words += [f"--dataset.root={data}", f"--output_dir={skills}"]
     return [
@@ -144,7 +147,7 @@ def closing(folder: Path) -> Iterator[str]:
     """What came out, in a few lines."""
     overall = _read(folder / "success.json")
     interval = f"95 % interval {overall['low']:.1f} to {overall['high']:.1f} %, n = {overall['episodes']}"
-    yield f"\nSuccess rate on {LEVEL}: {overall['percent']:.1f} % ({interval})"
+    yield f"\nSuccess rate on {LEVEL} within {STEPS} steps: {overall['percent']:.1f} % ({interval})"
     listening = _read(folder / "listening" / "heard.json")
     heard, twice, spl = listening["heard"], listening["budgets"]["2"], listening["spl"]
     yield (

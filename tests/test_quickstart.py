@@ -80,7 +80,7 @@ def test_finished_steps_are_skipped(
 
     assert (first.read_text(), second.read_text()) == ("before", "x")
     closing = capsys.readouterr().out.splitlines()[-4:]
-    assert closing[0] == "Success rate on GoToLocal: 81.2 % (95 % interval 70.0 to 90.0 %, n = 16)"
+    assert closing[0] == "Success rate on GoToLocal within 15 steps: 81.2 % (95 % interval 70.0 to 90.0 %, n = 16)"
     assert closing[1] == "Within twice the bot's steps: 75.0 %, and 12.5 % when told something else; SPL 0.67"
     assert closing[2].endswith("something else is told: 50.0 points (95 % interval 25.5 to 70.2)")
     assert closing[3].endswith("skill_words_by_skill.png")
