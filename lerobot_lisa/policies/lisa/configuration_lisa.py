@@ -57,7 +57,7 @@ class LisaConfig(EpisodePolicyConfig):
     codebook_decay: float = 0.99
     commitment_weight: float = 0.25
     dead_code_threshold: float = 1.0
-    quantizer_warmup_steps: int = 2000
+    quantizer_warmup_steps: int = 1000
 
     skill_plan: str | None = None
 
