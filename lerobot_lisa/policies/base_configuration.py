@@ -14,6 +14,7 @@ from lerobot.optim.schedulers import (
     CosineAnnealingWithWarmupSchedulerConfig,
     LRSchedulerConfig,
 )
+from lerobot.transforms import ImageTransformsConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE
 
 from lerobot_lisa.errors import UserError
@@ -58,6 +59,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         ask_observations: Words and skill codes ask the parts of what is seen, such as a grid's cells or a picture's
             patches, by name where symbols have names. The paper's networks see every frame as one vector: false.
         augment: Train on changed episodes where a dataset names its world's symmetries (`episodes/symmetries.py`).
+        image_transforms: LeRobot's own, for the pictures of training, one draw for each episode. LeRobot does not tell
+            a policy of `--dataset.image_transforms`, which changes frames that these policies do not look at.
         language_model: Architecture of the pretrained language encoder; filled in, so that a checkpoint needs no
             download.
         vocabulary: Words of the training instructions; filled in from the dataset, as are the following.
@@ -79,6 +82,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
 
     ask_observations: bool = True
     augment: bool = True
+    image_transforms: ImageTransformsConfig = field(default_factory=ImageTransformsConfig)
 
     action_head: str = "mean"
     action_amplification: float = 1.0

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.load import load_episodes
+from lerobot_lisa.episodes.picture_transforms import PictureTransforms
 from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.episodes.symmetries import Symmetries, Told, symmetry_words
@@ -91,6 +92,7 @@ class EpisodePolicy(PreTrainedPolicy):
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._symmetries = find_symmetries(config, dataset_meta.features) if dataset_meta and config.augment else None
+        self._change = PictureTransforms(config.image_transforms) if config.image_transforms.enable else None
         self._store: EpisodeStore | None = None
         self._history: Any = None
         self._instructions: list[Any] = []
@@ -156,6 +158,10 @@ class EpisodePolicy(PreTrainedPolicy):
         store = self._episodes(batch)
         episodes = store.holding(batch["index"].reshape(-1))
         frames, packing = store.gather(episodes, self._device)
+        if self.training and self._change is not None:
+            cameras = [key for key, value in self.config.input_features.items() if value.type is FeatureType.VISUAL]
+            with _drawing_from(batch, self._device, "pictures"):
+                frames = self._change(frames, cameras, packing)
         frames = self.scaled(frames)
         frames[ACTION] = frames[ACTION].reshape(packing.total, -1)
         if frames[ACTION].dtype == torch.bool:
@@ -378,7 +384,7 @@ def _instructions(batch: Mapping[str, Any]) -> list[Any]:
 
 
 @contextmanager
-def _drawing_from(batch: Mapping[str, Any], device: torch.device) -> Iterator[None]:
+def _drawing_from(batch: Mapping[str, Any], device: torch.device, *purpose: str) -> Iterator[None]:
     """Let a training step draw (dropout, codes to revive) from a seed that its frames make, in their order.
 
     LeRobot restores torch's generator when it resumes, but its loader then draws from it once more than without an
@@ -386,7 +392,7 @@ def _drawing_from(batch: Mapping[str, Any], device: torch.device) -> Iterator[No
     """
     frames = batch["index"]
     rank = torch.distributed.get_rank() if torch.distributed.is_initialized() else 0
-    drawn = hashlib.blake2b(repr((rank, frames.reshape(-1).tolist())).encode(), digest_size=7)
+    drawn = hashlib.blake2b(repr((rank, frames.reshape(-1).tolist(), *purpose)).encode(), digest_size=7)
     with torch.random.fork_rng([device] if device.type == "cuda" else []):
         torch.manual_seed(int.from_bytes(drawn.digest()))
         yield
