@@ -53,7 +53,7 @@ def pad(
 
 
 class PaddedLisa(nn.Module):
-    """LISA: skill predictor over the whole episode, codebook, policy over chunks of H steps."""
+    """LISA: skill predictor over the whole episode, codebook, action predictor over chunks of H steps."""
 
     def __init__(self, network: Lisa) -> None:
         super().__init__()
@@ -64,7 +64,7 @@ class PaddedLisa(nn.Module):
         self.timesteps = deepcopy(predictor.timesteps)
         self.output, self.quantizer = deepcopy(predictor.output), deepcopy(network.quantizer.quantizers[0])
         self.predictor = _Transformer(predictor.transformer)
-        self.policy = _Policy(network.observations, network.action_predictor)
+        self.action_predictor = _ActionPredictor(network.observations, network.action_predictor)
 
     def forward(self, batch: PaddedBatch) -> Tensor:
         """The training loss."""
@@ -82,7 +82,7 @@ class PaddedLisa(nn.Module):
         prefix = self.skill_embedding(skills).flatten(0, 1)[:, None]  # one sequence for each chunk
         chunks = {key: self._chunks(value) for key, value in batch.observations.items()}
         actions, valid = self._chunks(batch.actions), self._chunks(batch.valid)
-        losses = self.policy(prefix, None, chunks, actions, valid).unflatten(0, (len(batch.valid), -1))
+        losses = self.action_predictor(prefix, None, chunks, actions, valid).unflatten(0, (len(batch.valid), -1))
         return _mean(losses.flatten(1, 2)[:, :length], batch.valid) + commitment.sum()
 
     def _chunks(self, values: Tensor) -> Tensor:
@@ -97,22 +97,23 @@ class PaddedLangDT(nn.Module):
 
     def __init__(self, network: LangDT) -> None:
         super().__init__()
-        self.language, self.policy = deepcopy(network.language), _Policy(network.observations, network.action_predictor)
+        self.language = deepcopy(network.language)
+        self.action_predictor = _ActionPredictor(network.observations, network.action_predictor)
 
     def forward(self, batch: PaddedBatch) -> Tensor:
         """The training loss."""
         language = self.language(batch.tokens, batch.tokens_valid).tokens
-        losses = self.policy(language, batch.tokens_valid, batch.observations, batch.actions, batch.valid)
+        losses = self.action_predictor(language, batch.tokens_valid, batch.observations, batch.actions, batch.valid)
         return _mean(losses, batch.valid)
 
 
-class _Policy(nn.Module):
+class _ActionPredictor(nn.Module):
     """Losses of the actions in `[prefix ; o_0, a_0, o_1, a_1, ...]`."""
 
-    def __init__(self, observations: ObservationEncoder, policy: ActionPredictor) -> None:
+    def __init__(self, observations: ObservationEncoder, ours: ActionPredictor) -> None:
         super().__init__()
-        self.observations, self.timesteps = deepcopy(observations), deepcopy(policy.timesteps)
-        self.head, self.transformer = deepcopy(policy.head), _Transformer(policy.transformer)
+        self.observations, self.timesteps = deepcopy(observations), deepcopy(ours.timesteps)
+        self.head, self.transformer = deepcopy(ours.head), _Transformer(ours.transformer)
 
     def forward(
         self,
