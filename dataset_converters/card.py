@@ -13,11 +13,11 @@ _MOST_NAMES = 16  # longer lists of dimension names would bury the card; meta/in
 
 
 @dataclass(frozen=True)
-class CardFacts:
+class DatasetCard:
     """What the card says beyond the numbers in meta/info.json."""
 
     title: str
-    facts: Mapping[str, str]  # shown as a list: "Level" -> "GoToSeq"
+    lines: Mapping[str, str]  # shown as a list: "Level" -> "GoToSeq"
     license: str  # a Hub licence identifier
     url: str
     paper: str
@@ -25,13 +25,13 @@ class CardFacts:
     tags: tuple[str, ...] = ()
 
 
-def write_card(root: Path, repo_id: str, facts: CardFacts) -> None:
+def write_card(root: Path, repo_id: str, card: DatasetCard) -> None:
     """Write README.md into a finished dataset; instructions are counted, not listed.
 
     Args:
         root: dataset directory, with its meta/info.json.
         repo_id: name on the Hub, for the visualisation badge.
-        facts: provenance.
+        card: what it says.
     """
     info = load_info(root)
     counts = {
@@ -39,18 +39,18 @@ def write_card(root: Path, repo_id: str, facts: CardFacts) -> None:
         "Frames": f"{info.total_frames:,} at {info.fps} fps",
         "Distinct instructions": f"{info.total_tasks:,}",
     }
-    lines = [f"- **{name}:** {text}" for name, text in {**facts.facts, **counts}.items()]
-    card = create_lerobot_dataset_card(
-        tags=list(facts.tags),
+    lines = [f"- **{name}:** {text}" for name, text in {**card.lines, **counts}.items()]
+    made = create_lerobot_dataset_card(
+        tags=list(card.tags),
         dataset_info=dataclasses.replace(info, features={key: _brief(ft) for key, ft in info.features.items()}),
         repo_id=repo_id,
-        license=facts.license,
-        dataset_description="\n".join([facts.title, "", *lines, ""]),
-        url=facts.url,
-        paper=facts.paper,
-        citation_bibtex=facts.citation,
+        license=card.license,
+        dataset_description="\n".join([card.title, "", *lines, ""]),
+        url=card.url,
+        paper=card.paper,
+        citation_bibtex=card.citation,
     )
-    card.save(root / "README.md")
+    made.save(root / "README.md")
 
 
 def _brief(feature: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,5 +58,5 @@ def _brief(feature: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(names, list) and len(names) > _MOST_NAMES:
         brief["names"] = [*names[:2], "...", names[-1]]
     if feature.get("info"):  # what symbols are called, say, takes a page
-        brief["info"] = {key: "..." if isinstance(fact, dict) else fact for key, fact in feature["info"].items()}
+        brief["info"] = {key: "..." if isinstance(value, dict) else value for key, value in feature["info"].items()}
     return brief

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from dataset_converters.card import CardFacts
+from dataset_converters.card import DatasetCard
 
 _CITATION = """@inproceedings{chevalier-boisvert2019babyai,
   title = {{BabyAI}: A Platform to Study the Sample Efficiency of Grounded Language Learning},
@@ -31,27 +31,27 @@ def describe_seeds(first_seed: int, seeds: Sequence[int]) -> str:
     return f"{first_seed} to {seeds[-1]}, {len(failed):,} failures left out{named}"
 
 
-def generated_card(level: str, first_seed: int, seeds: Sequence[int]) -> CardFacts:
+def generated_card(level: str, first_seed: int, seeds: Sequence[int]) -> DatasetCard:
     """Card of a dataset that the bot made; only seeds whose episode succeeded are in it."""
-    facts = {
+    lines = {
         "Level": level,
         "Generator": f"the bot of minigrid {version('minigrid')}; frames are what the agent sees before each action",
         "Seeds": f"{describe_seeds(first_seed, seeds)}; one episode each",
     }
     title = f"Demonstrations of the BabyAI level {level} by a bot, with their instructions."
-    return _card(title, facts, license_id="apache-2.0", url="https://minigrid.farama.org/environments/babyai/")
+    return _card(title, lines, license_id="apache-2.0", url="https://minigrid.farama.org/environments/babyai/")
 
 
-def converted_card(level: str, source: Path, selection: str, encoding: str) -> CardFacts:
+def converted_card(level: str, source: Path, selection: str, encoding: str) -> DatasetCard:
     """Card of a dataset that was converted from an original file."""
-    facts = {
+    lines = {
         "Level": level,
         "Source file": f"{source.name} of the BabyAI package ({selection})",
         "Cell encoding of the source": encoding,
     }
     title = f"Original demonstrations of the BabyAI level {level}, with their instructions."
-    return _card(title, facts, license_id="bsd-3-clause", url="https://github.com/mila-iqia/babyai")
+    return _card(title, lines, license_id="bsd-3-clause", url="https://github.com/mila-iqia/babyai")
 
 
-def _card(title: str, facts: dict[str, str], license_id: str, url: str) -> CardFacts:
-    return CardFacts(title, facts, license_id, url, _PAPER, _CITATION, tags=("babyai", "minigrid", "language"))
+def _card(title: str, lines: dict[str, str], license_id: str, url: str) -> DatasetCard:
+    return DatasetCard(title, lines, license_id, url, _PAPER, _CITATION, tags=("babyai", "minigrid", "language"))

@@ -9,7 +9,7 @@ from lerobot.datasets.io_utils import load_info
 from dataset_converters.babyai.cards import converted_card, generated_card
 from dataset_converters.babyai.convert import ConvertSettings, convert
 from dataset_converters.babyai.generate import generate_range
-from dataset_converters.card import CardFacts
+from dataset_converters.card import DatasetCard
 from dataset_converters.cluster.plan import Plan
 from dataset_converters.seeds import FIRST_TRAINING_SEED, SeedRange
 
@@ -56,7 +56,7 @@ class GeneratePlan(Plan):
         if not root.exists():
             generate_range(self.level, seeds, root, self.repo_id)
 
-    def card(self, roots: list[Path]) -> CardFacts:
+    def card(self, roots: list[Path]) -> DatasetCard:
         """The card that `generate` writes."""
         files = (file for root in roots for file in sorted(root.glob("meta/episodes/**/*.parquet")))
         seeds = [seed for file in files for seed in pq.read_table(file, columns=["seed"])["seed"].to_pylist()]
@@ -85,7 +85,7 @@ class ConvertPlan(Plan):
         if not root.exists():
             convert(ConvertSettings(self.sources[shard], root, self.repo_id, self.level))
 
-    def card(self, roots: list[Path]) -> CardFacts:
+    def card(self, roots: list[Path]) -> DatasetCard:
         """The card that `convert` writes, with all files in it."""
         names = ", ".join(source.name for source in self.sources)
         return converted_card(self.level, Path(names), "all demonstrations", "detected, rewritten as minigrid's")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lerobot.datasets.io_utils import load_info
 
-from dataset_converters.card import CardFacts
+from dataset_converters.card import DatasetCard
 from dataset_converters.cluster.plan import Plan
 from dataset_converters.lorel.cards import collected_card
 from dataset_converters.lorel.collect import CollectSettings, collect
@@ -40,7 +40,7 @@ class CollectPlan(Plan):
             first_seed = self.settings.first_seed + start
             collect(dataclasses.replace(self.settings, root=root, episodes=episodes, first_seed=first_seed, workers=1))
 
-    def card(self, roots: list[Path]) -> CardFacts:
+    def card(self, roots: list[Path]) -> DatasetCard:
         """The card that `collect` writes."""
         settings = self.settings
         dropped = settings.episodes - sum(load_info(root).total_episodes for root in roots)

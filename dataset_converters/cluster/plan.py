@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
-from dataset_converters.card import CardFacts
+from dataset_converters.card import DatasetCard
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Plan(ABC):
         return [self.shard_root(shard) for shard in range(self.shards)]
 
     @abstractmethod
-    def card(self, roots: list[Path]) -> CardFacts:
+    def card(self, roots: list[Path]) -> DatasetCard:
         """What the card of the merged dataset says."""
 
     @property

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from local_hub import LocalHub
 
-from dataset_converters.card import CardFacts, write_card
+from dataset_converters.card import DatasetCard, write_card
 
 pytestmark = pytest.mark.slow
 REPO = "me/tiny"
@@ -30,8 +30,8 @@ def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalHub]:
 
 
 def test_uploaded_with_its_card_and_loaded_by_name(hub: LocalHub, symbolic: Path, tmp_path: Path) -> None:
-    facts = CardFacts("Made for a test.", {"Seeds": "1 to 6"}, "unknown", "url", "paper", "citation")
-    write_card(symbolic, REPO, facts)
+    card = DatasetCard("Made for a test.", {"Seeds": "1 to 6"}, "unknown", "url", "paper", "citation")
+    write_card(symbolic, REPO, card)
     (commands,) = re.findall(r"```bash\n(hf upload .*?)```", PAGE.read_text(), re.DOTALL)
     commands = commands.replace("me/lorel_states", REPO).replace("data/lorel_states", str(symbolic))
     env = {key: value for key, value in os.environ.items() if not key.startswith("HF_")}
