@@ -1,6 +1,8 @@
 """A checkpoint's configuration, `config.json` with the user's overrides."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +37,26 @@ def load_config(name: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig
         if not settings.get(key):  # LeRobot would take the environment's
             raise UserError(f"{path} names no {key}: {RETAKE}")
     fix = "correct the --policy options" if overrides else RETAKE
-    with refusing(f"{path} cannot be used", fix):
+    with refusing(f"{path} cannot be used", fix), _naming(path, overrides):
         config = PreTrainedConfig.from_pretrained(path.parent, cli_overrides=list(overrides))
         config.validate_features()
     config.language_model = _language_model(files, config)
     config.pretrained_backbone_weights = None  # would be fetched; the checkpoint has them
     config.pretrained_path, config.pretrained_revision = Path(name), files.revision
     return config
+
+
+@contextmanager
+def _naming(path: Path, overrides: Sequence[str]) -> Iterator[None]:
+    """Name the file in a line about an option that nobody gave: it is a setting of the file."""
+    given = {override.lstrip("-").split("=")[0] for override in overrides}
+    try:
+        yield
+    except UserError as error:
+        option = re.search(r"--policy\.(\w+)", str(error))
+        if option and option[1] in given:
+            raise
+        raise UserError(f"{path}: {error}") from None
 
 
 def _check_kind(files: Files, settings: Mapping[str, Any]) -> None:

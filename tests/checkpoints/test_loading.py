@@ -53,6 +53,11 @@ def test_the_pages_snippet(lisa: Path) -> None:
     assert len(found["identity"].sha256) == 64
 
 
+def test_a_bad_setting_is_said_of_the_option_that_was_given(lisa: Path) -> None:
+    with pytest.raises(UserError, match=r"^--policy\.dropout=9 must be between 0 and 1"):
+        load_config(str(lisa), ["--dropout=9"])
+
+
 def test_lang_dt(symbolic: Path, tmp_path: Path) -> None:
     folder = tiny_checkpoints.lang_dt(symbolic, tmp_path / "lang_dt")
     policy, preprocess, postprocess, _ = load_checkpoint(load_config(str(folder), ["--action_temperature=0"]))
