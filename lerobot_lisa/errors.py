@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 
 
@@ -45,6 +46,8 @@ def _refusal(error: OSError) -> str:
     """What the operating system says, after the file that it says it of."""
     named = next((str(name) for name in (error.filename, error.filename2) if name is not None), "")
     shown = named if len(named) <= 200 else f"{named[:100]}…{named[-50:]}"
+    if isinstance(error, FileExistsError) and Path(named).is_symlink():  # else it would be used
+        return f"{shown}: a link that leads nowhere: delete it, or make what it names"
     said = error.strerror or " ".join(str(error).split()) or type(error).__name__
     return f"{shown}: {said}" if shown else said
 
