@@ -3,10 +3,13 @@
 import json
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, get_type_hints
 
+from draccus.cfgparsing import parse_string
 from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
+from yaml import YAMLError
 
 from lerobot_lisa.errors import UserError, exit_code
 
@@ -40,9 +43,21 @@ def _parse(work: Callable[[Any], object]) -> Any:
     keep.__annotations__["config"] = next(iter(get_type_hints(work).values()))
     try:
         return parser.wrap()(keep)()
-    except (DraccusException, parser.ArgumentError, ValueError) as error:
-        reasons = [str(reason) for reason in (error, error.__cause__) if reason is not None]
+    except (DraccusException, parser.ArgumentError, ValueError, YAMLError) as error:
+        named = [] if isinstance(error, DraccusException | parser.ArgumentError) else _unreadable()
+        reasons = [*named, *(str(reason) for reason in (error, error.__cause__) if reason is not None)]
         raise UserError(" ".join(": ".join(reasons).split()) or "the options cannot be read: see --help") from error
+
+
+def _unreadable() -> list[str]:
+    """The option that YAML cannot read, or the file of options, which the errors about them do not name."""
+    for before, word in pairwise(sys.argv):
+        option, _, value = word.partition("=") if word.startswith("--") else (before, "", word)
+        try:
+            parse_string(value)
+        except (ValueError, YAMLError):
+            return [f"{option} is no YAML, which LeRobot takes options for"]
+    return [path for path in [parser.parse_arg("config_path")] if path]
 
 
 def _as_option(name: str, words: list[str]) -> list[str]:

@@ -46,6 +46,16 @@ def test_an_output_that_cannot_be_a_folder(lisa: Path, tmp_path: Path, refusal: 
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "precious")]
 
 
+@pytest.mark.parametrize("target", ["nothing", "link"], ids=["to nothing", "to itself"])
+def test_a_link_that_leads_nowhere(target: str, lisa: Path, tmp_path: Path, refusal: Callable[..., str]) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(target)
+    for command in (rollout, report):
+        said = refusal(command, f"--policy.path={lisa}", *LEVEL, f"--output_dir={link}")
+        assert said == f"error: {link}: a link that leads nowhere: delete it, or make what it names"
+    assert [path.name for path in tmp_path.iterdir()] == ["link"]
+
+
 def test_a_folder_that_may_not_be_written(lisa: Path, refusal: Callable[..., str]) -> None:
     said = refusal(rollout, f"--policy.path={lisa}", *LEVEL, "--output_dir=/proc/nowhere")
     assert said.startswith("error: /proc/nowhere: ")
@@ -80,7 +90,14 @@ def test_what_the_file_system_says_without_a_name(tmp_path: Path, refusal: Calla
         (["--seed=-1"], "--seed=-1: give a number from 0 to"),
         (["--n_episodes=-3"], "--n_episodes=-3: give a number from 1 to"),
         ([f"--batch_size={10**9}"], "--batch_size=1000000000: give a number from 1 to"),
-        (["--skill=" + "1" * 5000], "4300 digits"),
+        (
+            ["--skill=" + "1" * 5000],
+            "error: --skill is no YAML, which LeRobot takes options for: Exceeds the limit (4300",
+        ),
+        (["--plan", "*20"], "error: --plan is no YAML, which LeRobot takes options for: found undefined alias"),
+        (["--env.task={"], "error: --env.task is no YAML"),
+        (["--config_path=broken.json"], "error: broken.json: Expecting property name"),
+        (["--config_path=broken.yaml"], "error: broken.yaml: while parsing a flow node"),
         (["--policy.device=gpu"], "gpu"),
         (["--policy.type=lisa"], "Cannot specify both --policy.path and --policy.type"),
         (["--config_path=absent.yaml"], "absent.yaml: No such file or directory"),
@@ -90,6 +107,9 @@ def test_options_that_cannot_work(
     options: list[str], said: str, lisa: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    for name in ("broken.json", "broken.yaml"):
+        Path(name).write_text("{")
     arguments = [f"--policy.path={lisa}", *LEVEL, f"--output_dir={tmp_path / 'out'}", *options]
     monkeypatch.setattr("sys.argv", ["lisa-rollout", *arguments])
     try:
