@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from lerobot_lisa.analysis.files import write_csv
+
 INK, GREY, LIGHT = "#1a1a1a", "#777777", "#cccccc"
 DPI = 144  # sharp at 96 CSS pixels to the inch on a screen of one and a half times that
 PAGE_WIDTH = 10.8  # inches
@@ -172,4 +174,4 @@ def write(plot: Plot, folder: Path) -> None:
     reduced.save(png, optimize=True)
     undated = {"CreationDate": None, "Creator": None, "Producer": None}
     plot.figure.savefig(folder / f"{plot.name}.pdf", dpi=DPI, metadata=undated)
-    plot.table.to_csv(folder / f"{plot.name}.csv", index=False, float_format="%.6g", lineterminator="\n")
+    write_csv(plot.table, folder / f"{plot.name}.csv")

@@ -9,7 +9,7 @@ import pytest
 from lerobot_lisa.analysis.listening import affordance, reactions, rephrase, swap
 from lerobot_lisa.analysis.listening.command import main
 from lerobot_lisa.analysis.listening.meanings import MEANINGS, OTHER_OBJECT, OTHER_VERB, SAME, instructions_about
-from lerobot_lisa.analysis.listening.swap import Arm
+from lerobot_lisa.analysis.listening.swap import ToldRun
 from lerobot_lisa.analysis.listening.swapped_babyai import SwappedBabyAI
 from lerobot_lisa.analysis.listening.two_goals import GOALS
 from lerobot_lisa.analysis.recording.traces import Trace
@@ -89,16 +89,16 @@ def test_lorel_starts_where_both_tasks_can_be_done() -> None:
 # What is made of them.
 
 
-def arm(codes: list[int], actions: list[float], reached: list[tuple[bool, bool]]) -> Arm:
+def told_run(codes: list[int], actions: list[float], reached: list[tuple[bool, bool]]) -> ToldRun:
     episodes = range(len(codes))
     steps = pd.DataFrame({"group": "babyai", "task_id": 0, "episode": episodes, "step": 0, "code": codes})
     steps["observation"] = 5
-    return Arm(steps.assign(action=[np.array([action], np.float32) for action in actions]), np.array(reached))
+    return ToldRun(steps.assign(action=[np.array([action], np.float32) for action in actions]), np.array(reached))
 
 
 def test_swap_counts_on_known_answers() -> None:
-    own = arm([1, 1, 2, 3], [0, 1, 2, 2], [(True, False)] * 4)
-    other = arm([1, 2, 3, 4], [0, 1, 2, 3], [(False, True)] * 3 + [(True, False)])
+    own = told_run([1, 1, 2, 3], [0, 1, 2, 2], [(True, False)] * 4)
+    other = told_run([1, 2, 3, 4], [0, 1, 2, 3], [(False, True)] * 3 + [(True, False)])
 
     lines = list(swap.lines({"original": own, "other": other}))
 
@@ -126,7 +126,8 @@ def test_the_common_way_ends_with_the_first_difference() -> None:
 
 
 def test_real_actions_are_measured_in_their_spread() -> None:
-    own, other = arm([0] * 3, [0.0, 0.5, 1.0], [(True, True)] * 3), arm([0] * 3, [0.5, 1.0, 1.5], [(True, True)] * 3)
+    own = told_run([0] * 3, [0.0, 0.5, 1.0], [(True, True)] * 3)
+    other = told_run([0] * 3, [0.5, 1.0, 1.5], [(True, True)] * 3)
 
     line = list(swap.lines({"original": own, "other": other}))[2]
 

@@ -9,13 +9,13 @@ from functools import partial
 import pandas as pd
 
 from lerobot_lisa.analysis.listening.meanings import instructions_about
-from lerobot_lisa.analysis.listening.two_goals import side_by_side
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, lisa_config, load
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
 from lerobot_lisa.envs.lorel.tasks import Task
+from lerobot_lisa.envs.vector import InTurn
 from lerobot_lisa.errors import UserError
 
 READING = (
@@ -41,7 +41,7 @@ def measure(config: EvaluationConfig) -> Trace:
     tasks = [Task(text, (config.env.task,), kind) for kind, listed in instructions.items() for text in listed]
     make = [partial(LorelEnv, task, **config.env.gym_kwargs) for task in tasks]
     evaluation = load(config)
-    envs = {_GROUP: {number: side_by_side([one] * config.batch_size) for number, one in enumerate(make)}}
+    envs = {_GROUP: {number: InTurn([one] * config.batch_size) for number, one in enumerate(make)}}
     return record(config, config.output_dir, evaluation=evaluation._replace(envs=envs), instructions=instructions)
 
 

@@ -15,11 +15,6 @@ _level = cache(make_level)  # every use resets it
 _source = cache(make_level)
 
 
-def level_names(task: str) -> list[str]:
-    """The levels of `--env.task`, by task id."""
-    return [name.strip() for name in task.split(",") if name.strip()]
-
-
 def another_mission(name: str, seed: int) -> str | None:
     """What the level's world of this seed could ask for instead; None if nothing was found."""
     level = _level(name)

@@ -6,9 +6,8 @@ lisa-diagnose affordance --policy.path=... --env.type=lorel --env.task="close dr
 lisa-diagnose rephrase --policy.path=... --env.type=lorel                         # by kind of wording
 """
 
-import json
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import pandas as pd
 
 from lerobot_lisa.analysis.commands import run_command
 from lerobot_lisa.analysis.drawing import styled, write
+from lerobot_lisa.analysis.files import write_csv, write_json
 from lerobot_lisa.analysis.listening import affordance, heard, rephrase, swap
 from lerobot_lisa.analysis.listening.heard_figure import heard_plot
 from lerobot_lisa.analysis.listening.other_words import OTHER, TOLD
@@ -68,7 +68,7 @@ def diagnose_heard(config: HeardConfig) -> None:
     seeds = f"seeds {config.seed} to {config.seed + config.n_episodes - 1}"
     with styled():
         write(heard_plot(runs, f"{len(runs.pairs):,} episodes, {seeds}"), config.output_dir)
-    _write_json(heard.as_json(runs), config.output_dir / "heard.json")
+    write_json(heard.as_json(runs), config.output_dir / "heard.json", indent=2)
     print(*heard.lines(runs), heard.READING, config.output_dir / "heard.json", sep="\n")
     if runs.otherwise is None:
         raise UserError(
@@ -79,8 +79,8 @@ def diagnose_heard(config: HeardConfig) -> None:
 
 def diagnose_swap(config: DiagnosisConfig) -> None:
     """Tell every episode its own and another instruction."""
-    arms = swap.measure(config)
-    _report(config, "swap", swap.table(arms), swap.lines(arms), swap.READING)
+    runs = swap.measure(config)
+    _report(config, "swap", swap.table(runs), swap.lines(runs), swap.READING)
 
 
 def diagnose_affordance(config: DiagnosisConfig) -> None:
@@ -96,17 +96,10 @@ def diagnose_rephrase(config: DiagnosisConfig) -> None:
     _report(config, "rephrase", rephrase.table(trace), rephrase.lines(trace), rephrase.READING)
 
 
-def _write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write aside and move into place."""
-    aside = path.with_name(path.name + ".partial")
-    aside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    aside.replace(path)
-
-
 def _report(config: DiagnosisConfig, name: str, rows: pd.DataFrame, lines: Iterable[str], reading: str) -> None:
     config.output_dir.mkdir(parents=True, exist_ok=True)
     path = config.output_dir / f"{name}.csv"
-    rows.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
+    write_csv(rows, path)
     print(*lines, reading, path, sep="\n")
 
 

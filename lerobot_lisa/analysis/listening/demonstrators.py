@@ -11,6 +11,7 @@ import pandas as pd
 from lerobot.envs.configs import EnvConfig
 from tqdm import tqdm
 
+from lerobot_lisa.analysis.files import write_json
 from lerobot_lisa.analysis.recording.traces import KEY
 
 _FILE = "demonstrator.json"
@@ -35,8 +36,8 @@ def demonstrator_steps(env: EnvConfig, episodes: pd.DataFrame, folder: Path) -> 
 def _babyais_bot(env: Any, episodes: pd.DataFrame, folder: Path) -> pd.Series:
     from lerobot_lisa.analysis.listening import babyai
 
-    names = babyai.level_names(env.task)
-    wanted = [(names[row.task_id], int(row.seed)) for row in episodes.itertuples()]
+    levels = env.levels
+    wanted = [(levels[row.task_id], int(row.seed)) for row in episodes.itertuples()]
     known = _Notes(folder / _FILE, {"minigrid": version("minigrid")})
     steps = known.look_up(wanted, babyai.demonstrator_steps)
     return pd.Series(steps, pd.MultiIndex.from_frame(episodes[KEY]), dtype=float)
@@ -61,11 +62,6 @@ class _Notes:
                 self._steps.setdefault(name, {})[str(seed)] = find(name, seed)
         finally:
             if missing:
-                self._write()
+                write_json({"of": self._versions, "steps": self._steps}, self._path)
         found = (self._steps[name][str(seed)] for name, seed in wanted)
         return [np.nan if steps is None else float(steps) for steps in found]
-
-    def _write(self) -> None:
-        aside = self._path.with_name(_FILE + ".partial")
-        aside.write_text(json.dumps({"of": self._versions, "steps": self._steps}) + "\n", encoding="utf-8")
-        aside.replace(self._path)

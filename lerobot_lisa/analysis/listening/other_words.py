@@ -69,9 +69,9 @@ def _of_lorels_tasks(env: EnvConfig, episodes: pd.DataFrame) -> Told:
 
 def _of_babyais_worlds(env: Any, episodes: pd.DataFrame) -> Told:
     """What other episodes of the level are told, if its objects are in this world, too."""
-    from lerobot_lisa.analysis.listening.babyai import another_mission, level_names
+    from lerobot_lisa.analysis.listening.babyai import another_mission
 
-    levels, listed, misses = level_names(env.task), [], dict.fromkeys(episodes["task_id"], 0)
+    levels, listed, misses = env.levels, [], dict.fromkeys(episodes["task_id"], 0)
     for row in tqdm(episodes.itertuples(), desc="looking for other instructions", total=len(episodes), disable=None):
         if misses[row.task_id] < _HOPELESS:
             text = another_mission(levels[row.task_id], row.seed)

@@ -11,7 +11,7 @@ from lerobot.envs.configs import EnvConfig
 from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.listening import reactions
-from lerobot_lisa.analysis.listening.two_goals import GOALS, GoalWatcher, side_by_side
+from lerobot_lisa.analysis.listening.two_goals import GOALS, GoalWatcher
 from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, load
 from lerobot_lisa.analysis.recording.record import record
 from lerobot_lisa.analysis.recording.traces import KEY
@@ -19,6 +19,7 @@ from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.envs.lorel.config import LorelEnvConfig
 from lerobot_lisa.envs.lorel.groups import find_groups
+from lerobot_lisa.envs.vector import InTurn
 from lerobot_lisa.errors import UserError
 
 READING = (
@@ -29,8 +30,8 @@ Envs = dict[str, dict[int, Any]]
 
 
 @dataclass(frozen=True)
-class Arm:
-    """The episodes that were told one of the two instructions.
+class ToldRun:
+    """The episodes, told one of the two instructions.
 
     Attributes:
         steps: Their trace, columns of `traces.STEPS`.
@@ -41,7 +42,7 @@ class Arm:
     reached: NDArray[np.bool_]
 
 
-def measure(config: EvaluationConfig) -> dict[str, Arm]:
+def measure(config: EvaluationConfig) -> dict[str, ToldRun]:
     """Run every episode twice, told the original and the other instruction, with the same random numbers.
 
     Raises:
@@ -53,11 +54,11 @@ def measure(config: EvaluationConfig) -> dict[str, Arm]:
     return {told: _run(config, evaluation, told) for told in GOALS}
 
 
-def _run(config: EvaluationConfig, evaluation: Evaluation, told: str) -> Arm:
+def _run(config: EvaluationConfig, evaluation: Evaluation, told: str) -> ToldRun:
     folder = config.output_dir / f"told_{told}"
     goals, envs = GoalWatcher(folder), _envs(config.env, told, config.batch_size)
     trace = record(config, folder, [goals], evaluation._replace(envs=envs), told=told)
-    return Arm(trace.steps, goals.reached.loc[trace.episodes.set_index(KEY).index, list(GOALS)].to_numpy(bool))
+    return ToldRun(trace.steps, goals.reached.loc[trace.episodes.set_index(KEY).index, list(GOALS)].to_numpy(bool))
 
 
 def _envs(env: EnvConfig, told: str, count: int) -> Envs:
@@ -73,28 +74,27 @@ def _envs(env: EnvConfig, told: str, count: int) -> Envs:
                         f"--env.task={env.task}: {task.instruction!r} has no other task beside it: name a suite"
                     )
                 make = partial(SwappedLorel, task, others, told, **env.gym_kwargs)
-                envs.setdefault(group, {})[task_id] = side_by_side([make] * count)
+                envs.setdefault(group, {})[task_id] = InTurn([make] * count)
         return envs
     from lerobot_lisa.analysis.listening.swapped_babyai import SwappedBabyAI
 
-    levels = [name.strip() for name in env.task.split(",")]
-    make_all = [partial(SwappedBabyAI, level, told, **env.gym_kwargs) for level in levels]
-    return {"babyai": {task_id: side_by_side([make] * count) for task_id, make in enumerate(make_all)}}
+    make_all = [partial(SwappedBabyAI, level, told, **env.gym_kwargs) for level in env.levels]
+    return {"babyai": {task_id: InTurn([make] * count) for task_id, make in enumerate(make_all)}}
 
 
-def table(arms: dict[str, Arm]) -> pd.DataFrame:
+def table(runs: dict[str, ToldRun]) -> pd.DataFrame:
     """Which goal was reached under which instruction: columns `told`, `goal`, and those of `SuccessRate`."""
     rows = [
-        {"told": told, "goal": goal, **vars(success_rate(arm.reached[:, number]))}
-        for told, arm in arms.items()
+        {"told": told, "goal": goal, **vars(success_rate(run.reached[:, number]))}
+        for told, run in runs.items()
         for number, goal in enumerate(GOALS)
     ]
     return pd.DataFrame(rows)
 
 
-def lines(arms: dict[str, Arm]) -> Iterator[str]:
+def lines(runs: dict[str, ToldRun]) -> Iterator[str]:
     """What changed at the first decision, and which goals were reached."""
-    yield from reactions.lines(*(arms[goal].steps for goal in GOALS))
-    for told, arm in arms.items():
-        for goal, reached in zip(GOALS, arm.reached.T, strict=True):
+    yield from reactions.lines(*(runs[goal].steps for goal in GOALS))
+    for told, run in runs.items():
+        for goal, reached in zip(GOALS, run.reached.T, strict=True):
             yield f"{success_rate(reached)}  of the {goal} goal when told the {told} one"

@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
+from lerobot_lisa.analysis.recording.environment import TASK_NAMES
 from lerobot_lisa.analysis.recording.evaluation import Evaluation
 
 Told = Mapping[tuple[str, int], Mapping[int, str]]
 """What to tell, by (group, task id), then by the episode's seed."""
-
-_TASK_NAMES = ("task_description", "task")  # what LeRobot asks environments for, in this order
 
 
 class TellingEnv:
@@ -34,7 +33,7 @@ class TellingEnv:
     def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
         """Ask every environment, and answer in its place when it is asked for the instruction."""
         answers = self._env.call(name, *args, **kwargs)
-        if name not in _TASK_NAMES:
+        if name not in TASK_NAMES:
             return answers
         return tuple(own if told is None else told for own, told in zip(answers, self._now, strict=True))
 

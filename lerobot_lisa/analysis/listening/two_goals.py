@@ -1,13 +1,10 @@
 """Worlds that hold two goals at once: the policy is told one of them, and both are watched."""
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-import gymnasium as gym
 import pandas as pd
-from lerobot.envs.utils import freeze_after_episode_end
 
+from lerobot_lisa.analysis.files import aside
 from lerobot_lisa.analysis.recording.environment import Moment
 from lerobot_lisa.analysis.recording.traces import KEY
 
@@ -40,12 +37,5 @@ class GoalWatcher:
         goals = pd.DataFrame(list(moment.env.call("reached")), columns=list(GOALS)).iloc[self._live]
         rows = goals.assign(group=group, task_id=task_id, episode=[first + index for index in self._live])
         self._rows = pd.concat([self._rows, rows], ignore_index=True)
-        aside = self._path.with_name(_FILE + ".partial")
-        self._rows.to_parquet(aside)
-        aside.replace(self._path)
-
-
-def side_by_side(factories: Sequence[Callable[[], gym.Env]]) -> gym.vector.SyncVectorEnv:
-    """Environments in one process, as LeRobot's evaluation wants them: ended episodes stay as they are."""
-    frozen: list[Any] = [freeze_after_episode_end(factory) for factory in factories]
-    return gym.vector.SyncVectorEnv(frozen, autoreset_mode=gym.vector.AutoresetMode.NEXT_STEP)
+        with aside(self._path) as partial:
+            self._rows.to_parquet(partial)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lerobot_lisa.analysis.recording.traces import STEPS
 
-_TASK_NAMES = ("task_description", "task")  # what LeRobot asks environments for, in this order
+TASK_NAMES = ("task_description", "task")
+"""What LeRobot asks environments for, in this order, to tell policies their instruction."""
 
 
 class Batch(NamedTuple):
@@ -145,7 +146,7 @@ class RecordingEnv:
     def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
         """Ask every environment; the instructions that LeRobot asks for before each step are noted."""
         answers = self._env.call(name, *args, **kwargs)
-        if name in _TASK_NAMES:
+        if name in TASK_NAMES:
             self._instructions = [str(answer) for answer in answers]
         return answers
 

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
+from lerobot_lisa.analysis.files import aside
 from lerobot_lisa.analysis.recording.environment import Moment, render
 from lerobot_lisa.errors import UserError
 
@@ -100,9 +101,8 @@ class FrameCollector:
         for index in list(self._open):
             self._end(moment, index)
         examples = [example for code in sorted(self._kept) for example in self._kept[code]]
-        aside = self._path.with_name(FRAMES_FILE + ".partial")
-        pq.write_table(pa.Table.from_pylist([vars(example) for example in examples], _SCHEMA), aside)
-        aside.replace(self._path)
+        with aside(self._path) as partial:
+            pq.write_table(pa.Table.from_pylist([vars(example) for example in examples], _SCHEMA), partial)
 
     def _start(self, moment: Moment, index: int, code: int) -> None:
         group, task_id, first = moment.batch

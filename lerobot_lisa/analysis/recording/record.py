@@ -13,6 +13,7 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.envs.configs import EnvConfig
 from tqdm import tqdm
 
+from lerobot_lisa.analysis.files import aside
 from lerobot_lisa.analysis.recording import traces
 from lerobot_lisa.analysis.recording.environment import Batch, Watcher
 from lerobot_lisa.analysis.recording.evaluation import Evaluation, EvaluationConfig, code_labels, load, run_batch
@@ -137,7 +138,8 @@ def _claimed(folder: Path, origin: str) -> Iterator[None]:
     """Keep a folder for one evaluation, and for one process at a time."""
     with locked(folder):
         _check(folder, origin)
-        _write(folder / NOTE, origin)
+        with aside(folder / NOTE) as partial:
+            partial.write_text(origin, encoding="utf-8")
         try:
             yield
         except UserError:
@@ -150,12 +152,6 @@ def _leave(folder: Path) -> None:
     if not any(path.is_file() and path.name not in (NOTE, _LOCK) for path in folder.rglob("*")):
         shutil.rmtree(folder / _PARTS, ignore_errors=True)
         (folder / NOTE).unlink()
-
-
-def _write(path: Path, text: str) -> None:
-    aside = path.with_name(path.name + ".partial")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)
 
 
 def _differences(before: Any, now: Any, name: str = "") -> str:

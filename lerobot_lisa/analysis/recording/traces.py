@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lerobot_lisa.analysis.files import aside
 from lerobot_lisa.errors import UserError
 
 STEPS = pa.schema(
@@ -82,10 +83,9 @@ class Trace:
 
 
 def write(table: pa.Table, path: Path, origin: Mapping[str, Any]) -> None:
-    """Write a table aside and move it into place; its origin goes into the file's metadata."""
-    aside = path.with_name(path.name + ".partial")
-    pq.write_table(table.replace_schema_metadata({_ORIGIN: json.dumps(dict(origin))}), aside, compression="zstd")
-    aside.replace(path)
+    """Write a table; its origin goes into the file's metadata."""
+    with aside(path) as partial:
+        pq.write_table(table.replace_schema_metadata({_ORIGIN: json.dumps(dict(origin))}), partial, compression="zstd")
 
 
 def read(folder: Path) -> Trace:

@@ -46,6 +46,11 @@ class BabyAIEnvConfig(EnvConfig):
     features_map: dict[str, str] = field(default_factory=_features_map)
 
     @property
+    def levels(self) -> list[str]:
+        """Names in `task`, by task id."""
+        return names_in(self.task, "a BabyAI level")
+
+    @property
     def gym_kwargs(self) -> dict[str, Any]:
         """The options that every environment is built with."""
         return {"max_episode_steps": self.max_episode_steps, "tile_size": self.tile_size}
@@ -64,7 +69,7 @@ class BabyAIEnvConfig(EnvConfig):
             UserError: If minigrid is missing, a level is unknown or an option cannot work.
         """
         refuse_parallel_tasks(self)
-        factories = [self._factory(level) for level in names_in(self.task, "a BabyAI level")]
+        factories = [self._factory(level) for level in self.levels]
         module = "lerobot_lisa.envs.babyai.env"
         return {"babyai": {i: side_by_side([f] * n_envs, use_async_envs, module) for i, f in enumerate(factories)}}
 
