@@ -147,3 +147,15 @@ def test_what_is_wrong_is_said_in_one_line(
         assert last.startswith("error: ")
         assert said in last
     assert not (tmp_path / "out").exists()
+
+
+def test_an_output_that_cannot_be_a_folder_is_said_before_the_asking(
+    lisa: Path, symbolic: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (out := tmp_path / "out").write_text("precious")
+    options = [f"--policy.path={lisa}", f"--dataset.root={symbolic}", f"--output_dir={out}"]
+    assert run(monkeypatch, *options) == 1
+    told = capsys.readouterr()
+    assert told.err.splitlines()[-1] == f"error: {out}: File exists"
+    assert told.out == ""
+    assert out.read_text() == "precious"

@@ -54,7 +54,7 @@ def test_the_pages_snippet(lisa: Path) -> None:
 
 
 def test_a_bad_setting_is_said_of_the_option_that_was_given(lisa: Path) -> None:
-    with pytest.raises(UserError, match=r"^--policy\.dropout=9 must be between 0 and 1"):
+    with pytest.raises(UserError, match=r"^--policy\.dropout=9\.0 must be between 0 and 1"):
         load_config(str(lisa), ["--dropout=9"])
 
 

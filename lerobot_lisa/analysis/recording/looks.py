@@ -16,6 +16,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from numpy.typing import NDArray
 from PIL import Image
 
+from lerobot_lisa.analysis.files import aside
 from lerobot_lisa.analysis.recording.environment import Looks, Moment
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
@@ -175,9 +176,8 @@ class LooksCollector:
         others = [row for row in _read(path) if any(row[name] != value for name, value in batch.items())]
         rows = others + [{**batch, **self._row(*place, sums)} for place, sums in sorted(self._sums.items())]
         _keep_first_pictures(rows)
-        aside = path.with_name(LOOKS_FILE + ".partial")
-        pq.write_table(pa.Table.from_pylist(rows, _SCHEMA), aside, compression="zstd")
-        aside.replace(path)
+        with aside(path) as partial:
+            pq.write_table(pa.Table.from_pylist(rows, _SCHEMA), partial, compression="zstd")
         self._sums.clear()
 
     def _add(self, moment: Moment, looks: Looks, chosen: NDArray[np.int64], code: int, view: _View) -> None:

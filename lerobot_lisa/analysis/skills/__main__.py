@@ -65,9 +65,10 @@ def run(config: SkillsConfig) -> None:
 
     root = Path(str(config.dataset.root))
     dataset = LeRobotDataset(config.dataset.repo_id or root.name, root=root)
-    made, found = count(ask(*load(config, dataset), dataset))
+    loaded = load(config, dataset)
+    config.output_dir.mkdir(parents=True, exist_ok=True)  # before the asking, which takes its time
+    made, found = count(ask(*loaded, dataset))
     print(*said(made, found), sep="\n")
-    config.output_dir.mkdir(parents=True, exist_ok=True)
     with styled():
         for plot in words.plots(found, f"{root.name}, {made.episodes:,} episodes, {len(made.table):,} skill codes"):
             write(plot, config.output_dir)
