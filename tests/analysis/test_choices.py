@@ -1,11 +1,18 @@
 """Statistics of skill codes on a hand-made trace."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
+from report_pages import trace_of
 
+from lerobot_lisa.analysis.drawing import styled
+from lerobot_lisa.analysis.material import Material
 from lerobot_lisa.analysis.recording.traces import Trace
+from lerobot_lisa.analysis.skills import answers
 from lerobot_lisa.analysis.skills.choices import Choices, actions_by_code, choices, over_time, transitions
+from lerobot_lisa.analysis.training_data import TrainingData
 
 HORIZON, SIZE = 2, 4
 CODES = {0: [2, 2, 0], 1: [2, 1]}  # of the chunks of two episodes; the last chunk of each is one step long
@@ -74,3 +81,29 @@ def test_codes_are_called_as_the_trace_says(trace: Trace) -> None:
     assert choices(named).labels == names
     assert choices(named).counts.shape == (2, 6)
     assert choices(named).dead == [3, 4, 5]
+
+
+def test_of_more_codes_than_a_figure_holds_the_rarest_are_left_out() -> None:
+    """70 of 100 codes were used, one in each episode, but for code 99, to which the first goes over from code 30."""
+    told = [f"word{number}" for number in range(70)]
+    trace = trace_of(told, [0] * 70, 100, 4, 2, np.random.default_rng(0))
+    steps = trace.steps.assign(code=trace.steps["episode"] + 30)
+    steps.loc[(steps["episode"] == 0) & (steps["step"] > 1), "code"] = 99
+    material = Material(replace(trace, steps=steps), TrainingData(None, None, ""), permutations=20)
+    told_of = {answer.name: answer for answer in answers.answers(material)}
+    with styled():
+        usage, over_time, pairs, actions = told_of["codes"].plots
+    assert "Left out: 30 codes that were never chosen and the 10 rarest." in usage.reading
+    assert usage.table["skill_code"].tolist() == ["99", *map(str, range(31, 99)), "30"]  # the most frequent first
+    assert len(usage.table) == 70
+    for plot, axes in ((usage, 0), (over_time, 1), (pairs, 0), (actions, 0)):
+        ticks = plot.figure.axes[axes].get_yticks() if plot is over_time else plot.figure.axes[axes].get_xticks()
+        assert max(ticks) <= 59
+    assert "The 10 rarest of those that were chosen are left out." in told_of["skills"].introduction
+    assert [heading.label for heading in told_of["skills"].headings] == usage.table["skill_code"].tolist()[:60]
+    assert "99% of all choices repeat" in pairs.reading  # 69 of 70 pairs
+
+
+def test_of_a_few_codes_all_are_told_in_order(made: Choices) -> None:
+    assert made.codes == [0, 1, 2, 3]
+    assert made.left_out() == ""

@@ -165,17 +165,6 @@ def test_nothing_grows_with_the_square_of_the_codebook(tmp_path: Path) -> None:
     assert len(pd.read_csv(tmp_path / "figures" / "code_transitions.csv")) == 100
 
 
-def test_of_more_used_codes_than_a_figure_holds_the_rarest_are_left_out(tmp_path: Path) -> None:
-    told, rng = [f"word{number}" for number in range(70)], np.random.default_rng(0)
-    trace = trace_of(told, [0] * 70, 100, 4, 2, rng)
-    steps = trace.steps.assign(code=trace.steps["episode"] + 30)  # 70 codes, one in each episode
-    page = build_page(replace(trace, steps=steps), tmp_path)
-    assert "Left out: 30 codes that were never chosen and the 10 rarest." in page
-    assert "The 10 rarest of those that were chosen are left out." in page
-    assert page.count('<article class="skill">') == 60
-    assert len(pd.read_csv(tmp_path / "figures" / "code_usage.csv")) == 70
-
-
 def build_page(trace: Trace, folder: Path) -> str:
     """The page about a trace."""
     build(folder, Material(trace, NOWHERE, permutations=20))

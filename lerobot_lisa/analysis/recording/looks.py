@@ -227,7 +227,7 @@ def read(folder: Path) -> list[Look]:
     groups: dict[tuple[int, str], list[dict[str, Any]]] = {}
     for row in sorted(_read(folder / LOOKS_FILE), key=lambda row: [row[name] for name in _BATCH]):
         groups.setdefault((row["code"], row["feature"]), []).append(row)
-    return [_join(rows) for rows in groups.values()]
+    return [_join(rows) for _, rows in sorted(groups.items())]
 
 
 def _join(rows: Sequence[Mapping[str, Any]]) -> Look:

@@ -118,7 +118,7 @@ def found_in(material: Material) -> list[Looker]:
     """Who looked in an evaluation; nobody if looks were not recorded."""
     flat = material.trace.origin["policy"]["type"] == "lang_dt"
     labels = material.trace.code_labels if material.trace.has_codes else []
-    return lookers(material.looks, labels, "the instruction" if flat else "all skills")
+    return lookers(material.looks, labels, "the instruction" if flat else "its skill")
 
 
 def answer(material: Material) -> Answer:
