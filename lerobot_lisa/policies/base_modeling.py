@@ -92,7 +92,8 @@ class EpisodePolicy(PreTrainedPolicy):
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._dataset = dataset_meta
         self._symmetries = find_symmetries(config, dataset_meta.features) if dataset_meta and config.augment else None
-        self._change = PictureTransforms(config.image_transforms) if config.image_transforms.enable else None
+        changes = dataset_meta is not None and config.image_transforms.enable  # of no use to what only acts
+        self._change = PictureTransforms(config.image_transforms) if changes else None
         self._store: EpisodeStore | None = None
         self._history: Any = None
         self._instructions: list[Any] = []

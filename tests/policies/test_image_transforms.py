@@ -12,6 +12,7 @@ from torch import Tensor
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy
 
 CAMERA, STATE = "observation.images.front", "observation.state"
 DARKER = ImageTransformsConfig(
@@ -75,3 +76,6 @@ def test_a_transform_that_there_is_not(pictures: Path) -> None:
     unknown = ImageTransformsConfig(enable=True, tfs={"fog": ImageTransformConfig(1.0, "Fog")})
     with pytest.raises(UserError, match=r"--policy\.image_transforms: .*Fog"):
         training("lisa", pictures, image_transforms=unknown)
+    acting = training("lisa", pictures).policy.config
+    acting.image_transforms = unknown  # of a checkpoint that was trained with a later LeRobot
+    LisaPolicy(acting)
