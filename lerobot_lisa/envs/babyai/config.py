@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
+from lerobot.processor import PolicyProcessorPipeline
 from lerobot.utils.constants import ACTION, OBS_STR
 
 from lerobot_lisa.envs.options import names_in
@@ -68,10 +69,22 @@ class BabyAIEnvConfig(EnvConfig):
         Raises:
             UserError: If minigrid is missing, a level is unknown or an option cannot work.
         """
-        refuse_parallel_tasks(self)
-        factories = [self._factory(level) for level in self.levels]
         module = "lerobot_lisa.envs.babyai.env"
-        return {"babyai": {i: side_by_side([f] * n_envs, use_async_envs, module) for i, f in enumerate(factories)}}
+        factories = enumerate(self._factories())
+        return {"babyai": {i: side_by_side([f] * n_envs, use_async_envs, module) for i, f in factories}}
+
+    def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
+        """LeRobot's hook between environment and policy; training calls it at the start, `create_envs` hours later.
+
+        Raises:
+            UserError: As `create_envs`.
+        """
+        self._factories()
+        return super().get_env_processors()
+
+    def _factories(self) -> list[partial]:
+        refuse_parallel_tasks(self)
+        return [self._factory(level) for level in self.levels]
 
     def _factory(self, level: str) -> partial:
         """Prepare to build one environment; builds one on trial, so that mistakes show here and not in a process."""

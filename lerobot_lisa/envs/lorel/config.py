@@ -96,7 +96,15 @@ class LorelEnvConfig(EnvConfig):
         }
 
     def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
-        """LeRobot's hook between environment and policy: tells the policy what it is shown."""
+        """LeRobot's hook between environment and policy: tells the policy what it is shown.
+
+        Training calls it at the start, `create_envs` hours later, so names are looked up here, too.
+
+        Raises:
+            UserError: A task is unknown, or tasks are to be evaluated at the same time.
+        """
+        refuse_parallel_tasks(self)
+        find_groups(self.task, self.arm)
         facts = TellFacts(self.arm, self.image_quality if shows_pixels(self.obs_type) else None)
         return PolicyProcessorPipeline(steps=[facts]), PolicyProcessorPipeline(steps=[])
 

@@ -243,6 +243,8 @@ def test_processes_equal_turns(capfd: pytest.CaptureFixture[str]) -> None:
 def test_refusals(options: dict[str, Any], message: str, use_async: bool) -> None:
     with pytest.raises(UserError, match=message):
         BabyAIEnvConfig(**options).create_envs(2, use_async)
+    with pytest.raises(UserError, match=message):  # what training asks for when it begins
+        BabyAIEnvConfig(**options).get_env_processors()
 
 
 @pytest.mark.slow

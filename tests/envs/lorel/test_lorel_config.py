@@ -191,6 +191,12 @@ def test_refusals(options: dict[str, Any], message: str) -> None:
         LorelEnvConfig(**options).create_envs(2)
 
 
+@pytest.mark.parametrize("options", [{"task": "close draw"}, {"task": None}, {"max_parallel_tasks": 2}])
+def test_names_are_looked_up_when_training_begins(options: dict[str, Any]) -> None:
+    with pytest.raises(UserError):
+        LorelEnvConfig(**options).get_env_processors()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("package", ["mujoco", "metaworld"])
 def test_importing_is_light_and_missing_packages_are_explained(package: str) -> None:
