@@ -9,6 +9,7 @@ from lerobot_lisa.networks.symbols import SymbolNames
 
 PHRASES = 1000  # the most frequent ones are kept, to read codes with
 BABYAI_GRID = {
+    "axes": ["column", "row", "channel"],
     "shape": [7, 7, 3],
     "naming": ["kind", "color"],
     "channels": [
