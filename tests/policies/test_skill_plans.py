@@ -121,7 +121,11 @@ def test_codes_without_words_have_no_names(symbolic: Path) -> None:
 
 
 def test_codes_that_are_not_placed_yet(symbolic: Path) -> None:
+    """A training of too few steps for `quantizer_warmup_steps` ends so: nothing can be followed, by number or name."""
     policy = training("lisa", symbolic).policy
 
     assert policy.n_codes == 0
     assert policy.code_labels is None
+    for plan in ("3", "red"):
+        with pytest.raises(UserError, match="has no skill codes yet: its training ended before"):
+            policy.find_code(plan)

@@ -13,7 +13,8 @@ from lerobot_lisa.analysis.skills.words import SkillWords, top_words, word_table
 NOTABLE = 1.05  # times as frequent as usual: what rounds to more than usual
 FIRST, ALL = "words, first code", "words, all codes"
 NO_SKILLS = {
-    "lisa": "This policy's skills are continuous, numbers of which no two are the same: there are no codes to show.",
+    "lisa": "There are no codes to show: this policy's skills are continuous, by its configuration or since training "
+    "ended before codes were placed (--policy.quantizer_warmup_steps).",
     "lang_dt": "Lang-DT is flat: it acts on instructions and observations without skill codes: there are none to show.",
 }
 INFORMATION = (

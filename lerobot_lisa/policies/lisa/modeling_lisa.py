@@ -125,11 +125,12 @@ class LisaPolicy(EpisodePolicy):
             UserError: There is none.
         """
         self._check_code(text)
-        if text.isdecimal():
-            return int(text)
         if not self.n_codes:
-            raise UserError("this policy's skill codes have no names yet: it was trained for too few steps")
-        return find_code(self.network, self.config.lexicon, text)
+            raise UserError(
+                "this policy has no skill codes yet: its training ended before its codes were placed, see "
+                f"--policy.quantizer_warmup_steps={self.config.quantizer_warmup_steps}"
+            )
+        return int(text) if text.isdecimal() else find_code(self.network, self.config.lexicon, text)
 
     def _check_code(self, text: str) -> int:
         """Refuse what can be no code; names are not looked up, since a policy that is being loaded has no codes yet."""
