@@ -16,7 +16,7 @@ def play(simulator: LorelSimulator, seed: int) -> LorelEpisode:
     """Reset, act at random for one episode, and describe what happened.
 
     As in the original data, frame t holds the state before action t, and the label compares the first with the last
-    stored state (arXiv:2109.01115, appendix).
+    stored state (docs/datasets.md).
 
     Args:
         simulator: it is reset.

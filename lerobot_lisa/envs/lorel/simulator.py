@@ -64,8 +64,8 @@ class LorelSimulator:
     def reset(self, rng: np.random.Generator) -> None:
         """Start an episode of random play: the hand over the table, objects anywhere near the middle.
 
-        As LOReL resets (arXiv:2109.01115), with a shorter way to the same arm pose. Mugs may start inside one another
-        and are then pushed apart.
+        As the world of the original data resets (docs/lorel_environment.md), with a shorter way to the same arm pose.
+        Mugs may start inside one another and are then pushed apart.
         """
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:7] = self._home

@@ -31,7 +31,7 @@ def test_models_are_shared() -> None:
     assert build_model("free") is not LorelSimulator().model
 
 
-def test_resets_lie_within_the_specification() -> None:
+def test_resets_lie_where_the_page_says() -> None:
     states = np.array([reset(seed).state for seed in range(40)])
     np.testing.assert_allclose(states[:, :7].mean(0), ARMS["original"].home, atol=0.2)
     assert ((states[:, [WHITE_X, BLACK_X]] > -0.35) & (states[:, [WHITE_X, BLACK_X]] < -0.05)).all()
