@@ -1,5 +1,6 @@
 """Steered rollouts: `lisa-rollout` from the command line, in LeRobot's own evaluation."""
 
+import shutil
 from pathlib import Path
 
 import av
@@ -81,6 +82,15 @@ def test_videos_show_the_code(lisa: Path, output: Path, monkeypatch: pytest.Monk
     assert len(frames) == len(codes_of(output)[0]) + 1  # and one of how it ended
     assert frames[0][:18].mean() > 200  # black on white above the picture
     assert frames[0][:18].min() < 100
+
+
+def test_videos_that_are_gone_are_said_to_be(
+    lisa: Path, output: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert rollout(monkeypatch, lisa, output, "--n_videos=1") == 0
+    shutil.rmtree(output / "videos")
+    assert rollout(monkeypatch, lisa, output, "--n_videos=1") == 1
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"error: {output / 'videos'} is gone")
 
 
 def test_captions_leave_the_picture_as_it_is() -> None:

@@ -76,10 +76,13 @@ def run(config: RolloutConfig) -> None:
         return
     plan = config.plan if config.skill is None else config.skill
     chosen = config if plan is None else steered(config, plan)
-    films = VideoWriter(config.output_dir / "videos", config.n_videos)
-    trace = record(chosen, config.output_dir, [films] if config.n_videos else [], n_videos=config.n_videos)
+    videos = config.output_dir / "videos"
+    films = [VideoWriter(videos, config.n_videos)] if config.n_videos else []
+    trace = record(chosen, config.output_dir, films, n_videos=config.n_videos)
     print(*summary(trace), sep="\n")
     print(config.output_dir)
+    if films and not any(videos.rglob("*.mp4")):
+        raise UserError(f"{videos} is gone, and what is recorded is not run again: choose another --output_dir to film")
 
 
 def _run_matrix(config: RolloutConfig) -> None:
