@@ -92,5 +92,6 @@ class LangDT(EpisodeNetwork):
         seen = self.observations(observations, self.language.names())
         if self.asks_words is None or seen.parts is None:
             return seen.summary, None
-        answers, looks = self.asks_words(seen.parts, instruction.phrases, instruction.tokens, instruction.valid, rows)
+        said = instruction.naming()
+        answers, looks = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
         return seen.summary + answers, spread(seen.parts, looks, self.observations.all_places)

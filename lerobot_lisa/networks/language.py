@@ -17,13 +17,21 @@ class Instruction(NamedTuple):
         tokens: (B, M, D), each token in its context, at the model's width.
         valid: (B, M), False for padding.
         phrases: (B, M, W), each token with what it belongs to, in the space of words: where names of things lie, too.
-        names: (B, M), which tokens are words that name things.
+        names: (B, M), which tokens are words that name things; all of them where nothing has a name.
     """
 
     tokens: Tensor
     valid: Tensor
     phrases: Tensor
     names: Tensor
+
+    def naming(self) -> "Instruction":
+        """Only the tokens that name things, in order: what else is said finds nothing among things with names."""
+        most = max(1, int(self.names.sum(1).max()))
+        order = (~self.names).to(torch.uint8).argsort(dim=1, stable=True)[:, :most]
+        rows = torch.arange(len(order), device=order.device)[:, None]
+        valid = self.names[rows, order]
+        return Instruction(self.tokens[rows, order], valid, self.phrases[rows, order], valid)
 
     def take(self, rows: Tensor) -> "Instruction":
         """The instructions of some rows (N,), repeats allowed."""
@@ -145,7 +153,7 @@ class LanguageEncoder(nn.Module):
     def forward(self, tokens: Tensor, valid: Tensor) -> Instruction:
         """Encode token ids (B, M), with their validity (B, M)."""
         context, phrases = self.encoder(tokens, valid)
-        names = torch.isin(tokens, self.name_tokens[self.name_valid]) & valid
+        names = torch.isin(tokens, self.name_tokens[self.name_valid]) & valid if len(self.name_tokens) else valid
         return Instruction(self.output(context), valid, phrases, names)
 
     def names(self) -> Tensor:

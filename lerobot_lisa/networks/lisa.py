@@ -163,7 +163,8 @@ class Lisa(EpisodeNetwork):
         """What the skill predictor sees, (N, D), the instruction's words having asked for things."""
         if self.asks_words is None or seen.parts is None:
             return seen.summary
-        answers, _ = self.asks_words(seen.parts, instruction.phrases, instruction.tokens, instruction.valid, rows)
+        said = instruction.naming()
+        answers, _ = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
         return seen.summary + answers
 
     def _ask_skill(

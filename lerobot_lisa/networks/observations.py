@@ -94,9 +94,12 @@ class ObservationEncoder(nn.Module):
         for key, name in self.others.items():
             self.encoders[name] = _encoder(specs[key], width, backbone, backbone_weights)
         self.places = dict.fromkeys(specs, 0)
+        named = any(spec.names for spec in specs.values())
         for key, spec in specs.items():
             if asking is None:
                 break
+            if named and spec.kind == "symbols" and spec.names is None:
+                continue  # such as a heading: no thing
             name = key.replace(".", "_")
             self.parts[name] = _parts(spec, self.encoders[name] if key in self.others else None, width, asking)
             self.places[key] = _count_parts(spec, self.encoders[name] if key in self.others else None)
@@ -117,8 +120,9 @@ class ObservationEncoder(nn.Module):
         if self.symbolic:
             symbols = torch.cat([observations[key].flatten(1) for key in self.symbolic], dim=1)
             wholes.append(self.encoders["symbols"](symbols))
-        for key in self.symbolic if self.parts else ():
-            parts.append((key, self.parts[key.replace(".", "_")](observations[key], names)))
+        for key in self.symbolic:
+            if (name := key.replace(".", "_")) in self.parts:
+                parts.append((key, self.parts[name](observations[key], names)))
         return Seen(sum(wholes[1:], wholes[0]), self._join(parts))
 
     @property
