@@ -237,7 +237,8 @@ class EpisodePolicy(PreTrainedPolicy):
         if looks is None:
             return None
         places = self.network.observations.places
-        return dict(zip(places, looks.split(list(places.values()), dim=1), strict=True))
+        looked = zip(places, looks.split(list(places.values()), dim=1), strict=True)
+        return {key: at for key, at in looked if at.shape[1]}
 
     @property
     def questions(self) -> Tensor | None:

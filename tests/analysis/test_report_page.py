@@ -96,7 +96,7 @@ def test_words_are_capped_and_the_table_has_them_all(folder: Path) -> None:
     table = pd.read_csv(folder / "figures" / "skill_words_pmi.csv")
     words = table["word"].nunique()
     page = (folder / PAGE).read_text(encoding="utf-8")
-    assert ("The 60 most telling of" in page) == (words > 60)
+    assert ("the 60 most telling of" in page) == (words > 60)
     assert len(table) == words * table["skill_code"].nunique()
 
 
