@@ -12,7 +12,7 @@ from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing, by_length
-from lerobot_lisa.networks.parts import PartAttention, spread
+from lerobot_lisa.networks.parts import PartAttention, Parts, spread
 from lerobot_lisa.networks.transformer import Memory
 
 
@@ -54,7 +54,7 @@ class LangDT(EpisodeNetwork):
     ) -> Tensor:
         """Predict every action of B whole episodes; arguments as in `Lisa.forward`."""
         instruction = self.language(tokens, tokens_valid)
-        seen, _ = self._look(observations, instruction, packing.sequence)
+        seen, _, _ = self._look(observations, instruction, packing.sequence)
         predictions, order = [], []
         for group in by_length(packing.lengths, self.padding_waste):
             rows = packing.rows(group)
@@ -82,16 +82,17 @@ class LangDT(EpisodeNetwork):
     def act(self, history: LangDTHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""
         history.step += 1
-        seen, history.looks = self._look(observations, history.instruction, None)
+        seen, parts, looks = self._look(observations, history.instruction, None)
+        history.looks = spread(parts, looks, self.observations.all_places)
         return self.action_predictor.step(history.policy, history.step - 1, seen, history.actions)
 
     def _look(
         self, observations: Mapping[str, Tensor], instruction: Instruction, rows: Tensor | None
-    ) -> tuple[Tensor, Tensor | None]:
-        """What is seen in N frames, (N, D), the instruction's words having asked for things, and where they looked."""
+    ) -> tuple[Tensor, Parts | None, Tensor | None]:
+        """N frames, the instruction's words having asked for things: (N, D), parts, and attention to them (N, Q, P)."""
         seen = self.observations(observations, self.language.names())
         if self.asks_words is None or seen.parts is None:
-            return seen.summary, None
+            return seen.summary, None, None
         said = instruction.naming()
         answers, looks = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
-        return seen.summary + answers, spread(seen.parts, looks, self.observations.all_places)
+        return seen.summary + answers, seen.parts, looks

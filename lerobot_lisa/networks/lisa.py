@@ -137,7 +137,8 @@ class Lisa(EpisodeNetwork):
         previous = history.actions if step_in_chunk else None
         history.step += 1
         wanted, looks = self._ask_skill(seen, history.skill, self.skill_embedding(history.skill), None)
-        history.looks, history.questions = looks, torch.full(wanted.shape[:1], history.skill.shape[1])
+        history.looks = spread(seen.parts, looks, self.observations.all_places)
+        history.questions = torch.full(wanted.shape[:1], history.skill.shape[1])
         return self.action_predictor.step(history.policy, step_in_chunk, wanted, previous)
 
     def _choose_skill(self, history: LisaHistory, planned: int | None) -> None:
@@ -170,8 +171,8 @@ class Lisa(EpisodeNetwork):
     def _ask_skill(
         self, seen: Seen, skill: Tensor, prefix: Tensor, rows: Tensor | None
     ) -> tuple[Tensor, Tensor | None]:
-        """What the policy sees, (N, D), the skill's parts having asked for things, and where they looked."""
+        """What the policy sees, (N, D), the skill's parts having asked for things, and their attention (N, Q, P)."""
         if self.asks_skill is None or seen.parts is None:
             return seen.summary, None
         answers, looks = self.asks_skill(seen.parts, skill, prefix, None, rows)
-        return seen.summary + answers, spread(seen.parts, looks, self.observations.all_places)
+        return seen.summary + answers, looks

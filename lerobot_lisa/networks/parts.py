@@ -119,6 +119,8 @@ class PartAttention(nn.Module):
         return self.output(heard.sum(1)), looks
 
 
-def spread(parts: Parts, looks: Tensor, places: int) -> Tensor:
-    """Attention (N, Q, P) summed over the questions and put where the parts are, (N, places)."""
+def spread(parts: Parts | None, looks: Tensor | None, places: int) -> Tensor | None:
+    """Attention (N, Q, P) summed over the questions and put where the parts are, (N, places); None without any."""
+    if parts is None or looks is None:
+        return None
     return looks.new_zeros(len(looks), places).scatter_add(1, parts.places, looks.sum(1))
