@@ -77,7 +77,7 @@ class LangDT(EpisodeNetwork):
         """Start a rollout: show the transformer the instructions."""
         instruction = self.language(tokens, tokens_valid)
         policy = self.action_predictor.begin(instruction.tokens, tokens_valid)
-        return LangDTHistory(instruction=instruction, policy=policy, questions=tokens_valid.sum(1))
+        return LangDTHistory(instruction=instruction, policy=policy, questions=instruction.names.sum(1))
 
     def act(self, history: LangDTHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""

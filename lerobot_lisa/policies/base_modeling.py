@@ -242,7 +242,7 @@ class EpisodePolicy(PreTrainedPolicy):
 
     @property
     def questions(self) -> Tensor | None:
-        """How many questions each newest observation was asked, (B,): a code's parts (LISA) or words (Lang-DT)."""
+        """How many questions each newest observation was asked, (B,): a code's parts, or words that ask (Lang-DT)."""
         return None if self._history is None else self._history.questions
 
     def reset(self) -> None:

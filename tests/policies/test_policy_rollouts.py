@@ -262,4 +262,7 @@ def test_where_it_looked(kind: str, symbolic: Path, pictures: Path) -> None:
             expected or {"observation.images.front": 16, "observation.state": 1}
         )
         assert all((value >= 0).all() for value in looks.values())
+        assert (sum(value.sum(1) for value in looks.values()) <= made.policy.questions + 1e-5).all()
+        if kind == "lang_dt" and expected:  # "go" names nothing, "pick up the grey key, then put it ... blue box" four
+            assert made.policy.questions.tolist()[:2] == [0, 4]
         assert sum(value.sum(1) for value in looks.values()).max() <= (1 if kind == "lisa" else 20) + 1e-5
