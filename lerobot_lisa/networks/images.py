@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from lerobot_lisa.networks.parts import Parts
+from lerobot_lisa.networks.parts import OwnKeys, Parts
 
 
 class ImageEncoder(nn.Module):
@@ -89,7 +89,7 @@ class PatchParts(nn.Module):
         """Patches (N, P, features) to parts."""
         places = torch.arange(patches.shape[1], device=patches.device).expand(patches.shape[:2])
         values = self.values(patches) + self.places(places)
-        return Parts(self.keys(patches), values, values.new_zeros(places.shape), places)
+        return Parts((OwnKeys(self.keys(patches)),), values, values.new_zeros(places.shape), places)
 
 
 def _unit_range(images: Tensor) -> Tensor:

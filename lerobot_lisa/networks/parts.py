@@ -1,23 +1,99 @@
 """What an observation consists of, and asking it: parts with keys among words, and attention from words to them."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 
+class Keys(Protocol):
+    """What the parts of N frames can be asked by, in the space of words."""
+
+    def match(self, asked: Tensor, rows: Tensor | None) -> Tensor:
+        """Products of keys and questions.
+
+        Args:
+            asked: (B, Q, W).
+            rows: (N,) whose questions each frame is asked; None: frame i is asked questions i.
+
+        Returns:
+            (N, Q, P).
+        """
+
+
+class OwnKeys(NamedTuple):
+    """Each part of each frame has a key of its own.
+
+    Attributes:
+        vectors: (N, P, W).
+    """
+
+    vectors: Tensor
+
+    def match(self, asked: Tensor, rows: Tensor | None) -> Tensor:
+        """See `Keys`."""
+        return (asked if rows is None else asked[rows]) @ self.vectors.transpose(1, 2)
+
+
+class Slots(NamedTuple):
+    """Where the R real ones of N x P parts are: frames of a batch have one to ten, and most have two.
+
+    Attributes:
+        frames: (R,) whose each part is.
+        slots: (R,) which of its frame's it is.
+        shape: N and P, the most that a frame has.
+    """
+
+    frames: Tensor
+    slots: Tensor
+    shape: tuple[int, int]
+
+    @staticmethod
+    def of(present: Tensor) -> "Slots":
+        """Slots for the places (N, all places) that are parts, in their order."""
+        frames, places = present.nonzero(as_tuple=True)
+        slots = (present.cumsum(1) - 1)[frames, places]
+        return Slots(frames, slots, (len(present), int(slots.max()) + 1 if len(slots) else 1))
+
+    def pad(self, real: Tensor, empty: float = 0) -> Tensor:
+        """(R, ...) to (N, P, ...)."""
+        padded = real.new_full((*self.shape, *real.shape[1:]), empty)
+        return padded.index_put((self.frames, self.slots), real)
+
+
+class SharedKeys(NamedTuple):
+    """A part's key is a sum of a table's rows. Questions are compared with the table, once for all of their frames.
+
+    Attributes:
+        table: (S, W).
+        rows: (R, channels), the rows of each real part.
+        slots: Where these parts are.
+    """
+
+    table: Tensor
+    rows: Tensor
+    slots: Slots
+
+    def match(self, asked: Tensor, rows: Tensor | None) -> Tensor:
+        """See `Keys`."""
+        scores = (self.table @ asked.transpose(1, 2)).flatten(0, 1)  # (B * S, Q)
+        whose = self.slots.frames if rows is None else rows[self.slots.frames]
+        matches = F.embedding_bag(whose[:, None] * len(self.table) + self.rows, scores, mode="sum")
+        return self.slots.pad(matches).transpose(1, 2)
+
+
 class Parts(NamedTuple):
     """Parts of N frames, such as cells of a grid or patches of a picture.
 
     Attributes:
-        keys: (N, P, W) what each part can be asked by, in the space of words.
+        keys: What each part can be asked by; of several features, their parts one after another.
         values: (N, P, C) what it answers.
         bias: (N, P) how readily it answers whatever is asked; minus infinity where there is no part.
         places: (N, P) the number of each part among all of an observation's.
     """
 
-    keys: Tensor
+    keys: tuple[Keys, ...]
     values: Tensor
     bias: Tensor
     places: Tensor
@@ -25,11 +101,13 @@ class Parts(NamedTuple):
     @staticmethod
     def join(several: "list[Parts]") -> "Parts":
         """The parts of the same frames from several features."""
-        return (
-            several[0]
-            if len(several) == 1
-            else Parts(*(torch.cat(fields, dim=1) for fields in zip(*several, strict=True)))
-        )
+        keys, *others = zip(*several, strict=True)
+        return Parts(sum(keys, ()), *(torch.cat(fields, dim=1) for fields in others))
+
+    def match(self, asked: Tensor, rows: Tensor | None) -> Tensor:
+        """How well the parts answer to questions, (N, Q, P); arguments as in `Keys.match`."""
+        scores = [keys.match(asked, rows) for keys in self.keys]
+        return torch.cat(scores, dim=-1) + self.bias[:, None]
 
 
 class Seen(NamedTuple):
@@ -108,10 +186,10 @@ class PartAttention(nn.Module):
         nothing, topic = self.nothing(asked), self.about(about)
         if valid is not None:
             topic = topic.masked_fill(~valid[..., None], 0)
+        scores = parts.match(asked, rows)
         if rows is not None:
-            asked, nothing, topic = asked[rows], nothing[rows], topic[rows]
+            nothing, topic = nothing[rows], topic[rows]
             valid = None if valid is None else valid[rows]
-        scores = asked @ parts.keys.transpose(1, 2) + parts.bias[:, None]
         looks = torch.cat([nothing, scores], dim=-1).softmax(-1)[..., 1:]
         if valid is not None:
             looks = looks.masked_fill(~valid[..., None], 0)

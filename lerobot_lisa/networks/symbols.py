@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from lerobot_lisa.networks.parts import Parts
+from lerobot_lisa.networks.parts import Parts, SharedKeys, Slots
 
 
 @dataclass(frozen=True)
@@ -83,30 +83,15 @@ class SymbolParts(nn.Module):
 
     def forward(self, symbols: Tensor, names: Tensor) -> Parts:
         """Symbols (N, cells x channels) and vectors of all names (n, W) to parts."""
-        rows = symbols.flatten(1).long().clamp(0, self.symbols - 1).unflatten(1, (-1, self.channels)) + self.offsets
-        places, present = self._choose(rows)
-        rows = rows.gather(1, places[..., None].expand(-1, -1, self.channels))  # (N, P, channels)
+        cells = symbols.flatten(1).long().clamp(0, self.symbols - 1).unflatten(1, (-1, self.channels)) + self.offsets
+        present = self.name[cells[..., 0]] > 0 if self.named else cells.new_ones(cells.shape[:2], dtype=torch.bool)
+        rows, places, slots = cells[present], present.nonzero()[:, 1], Slots.of(present)
         vectors = self.keys.weight
         if self.named:
             vectors = vectors + torch.cat([names.new_zeros(1, names.shape[1]), names])[self.name]
-        bias = self.readiness.expand(present.shape).masked_fill(~present, float("-inf"))
-        values = _sum_rows(self.values.weight, rows) + self.places(places)
-        return Parts(_sum_rows(vectors, rows), values, bias, places)
-
-    def _choose(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Places (N, P) of cells that are parts, in order, and which of them are real."""
-        if not self.named:
-            places = torch.arange(rows.shape[1], device=rows.device).expand(rows.shape[:2])
-            return places, torch.ones_like(places, dtype=torch.bool)
-        present = self.name[rows[..., 0]] > 0
-        most = max(1, int(present.sum(1).max())) if len(rows) else 1
-        places = (~present).to(torch.uint8).argsort(dim=1, stable=True)[:, :most]
-        return places, present.gather(1, places)
-
-
-def _sum_rows(table: Tensor, rows: Tensor) -> Tensor:
-    """Sum of the table's rows (N, P, channels) -> (N, P, width)."""
-    return nn.functional.embedding_bag(rows.flatten(0, 1), table, mode="sum").unflatten(0, rows.shape[:2])
+        values = nn.functional.embedding_bag(rows, self.values.weight, mode="sum") + self.places(places)
+        bias = slots.pad(self.readiness.expand(len(rows)), float("-inf"))
+        return Parts((SharedKeys(vectors, rows, slots),), slots.pad(values), bias, slots.pad(places))
 
 
 def _name_rows(names: SymbolNames | None, symbols: int) -> Tensor:

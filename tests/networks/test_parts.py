@@ -72,7 +72,7 @@ def test_cells_without_a_thing_are_no_parts() -> None:
     world = World()
     parts = world.encoder({"grid": torch.cat([grid(c2=(BALL, RED)), grid()])}, world.language.names()).parts
 
-    assert parts.keys.shape[1] == 1
+    assert parts.places.shape[1] == 1
     assert parts.places[0].tolist() == [2]
     assert parts.bias[1].tolist() == [float("-inf")]
     assert torch.isfinite(world.looks(grid(), "red ball")).all()
