@@ -21,11 +21,13 @@ class LangDTHistory(History):
     """Lang-DT's rollout so far.
 
     Attributes:
-        instruction: What was said.
+        naming: The words of the instruction that name things.
+        names: (n, W) of all things, said or not.
         policy: What the transformer remembers of the instruction and the episode.
     """
 
-    instruction: Instruction
+    naming: Instruction
+    names: Tensor
     policy: Memory
 
 
@@ -54,7 +56,7 @@ class LangDT(EpisodeNetwork):
     ) -> Tensor:
         """Predict every action of B whole episodes; arguments as in `Lisa.forward`."""
         instruction = self.language(tokens, tokens_valid)
-        seen, _, _ = self._look(observations, instruction, packing.sequence)
+        seen, _, _ = self._look(observations, self.language.names(), instruction.naming(), packing.sequence)
         predictions, order = [], []
         for group in by_length(packing.lengths, self.padding_waste):
             rows = packing.rows(group)
@@ -77,22 +79,26 @@ class LangDT(EpisodeNetwork):
         """Start a rollout: show the transformer the instructions."""
         instruction = self.language(tokens, tokens_valid)
         policy = self.action_predictor.begin(instruction.tokens, tokens_valid)
-        return LangDTHistory(instruction=instruction, policy=policy, questions=instruction.names.sum(1))
+        return LangDTHistory(
+            naming=instruction.naming(),
+            names=self.language.names(),
+            policy=policy,
+            questions=instruction.names.sum(1),
+        )
 
     def act(self, history: LangDTHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""
         history.step += 1
-        seen, parts, looks = self._look(observations, history.instruction, None)
+        seen, parts, looks = self._look(observations, history.names, history.naming, None)
         history.looks = spread(parts, looks, self.observations.all_places)
         return self.action_predictor.step(history.policy, history.step - 1, seen, history.actions)
 
     def _look(
-        self, observations: Mapping[str, Tensor], instruction: Instruction, rows: Tensor | None
+        self, observations: Mapping[str, Tensor], names: Tensor, said: Instruction, rows: Tensor | None
     ) -> tuple[Tensor, Parts | None, Tensor | None]:
-        """N frames, the instruction's words having asked for things: (N, D), parts, and attention to them (N, Q, P)."""
-        seen = self.observations(observations, self.language.names())
+        """N frames, words having asked for things: (N, D), parts, and attention to them (N, Q, P)."""
+        seen = self.observations(observations, names)
         if self.asks_words is None or seen.parts is None:
             return seen.summary, None, None
-        said = instruction.naming()
         answers, looks = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
         return seen.summary + answers, seen.parts, looks

@@ -26,6 +26,8 @@ class LisaHistory(History):
 
     Attributes:
         instruction: What was said.
+        naming: The words of it that name things.
+        names: (n, W) of all things, said or not.
         predictor: What the skill predictor remembers: the instruction and the observations up to the last question.
         unseen: Observations (B, D) since the last question, which the skill predictor has not been shown yet.
         policy: What the policy remembers of the current chunk.
@@ -36,6 +38,8 @@ class LisaHistory(History):
     """
 
     instruction: Instruction
+    naming: Instruction
+    names: Tensor
     predictor: Memory
     unseen: list[Tensor] = field(default_factory=list)
     policy: Memory | None = None
@@ -103,10 +107,10 @@ class Lisa(EpisodeNetwork):
             Predictions for all N frames, and the skills of all chunks, in order.
         """
         instruction = self.language(tokens, tokens_valid)
-        seen, predictor_seen = self._look(observations)
+        seen, predictor_seen = self._look(observations, self.language.names())
         chunks, owners = packing.split(self.horizon), packing.count_chunks(self.horizon).sequence
 
-        heard = self._ask_words(predictor_seen, instruction, packing.sequence)
+        heard = self._ask_words(predictor_seen, instruction.naming(), packing.sequence)
         answers = self.predictor(instruction.tokens, tokens_valid, heard, packing, self.horizon)
         skills = self.quantizer(self.source(answers, instruction.take(owners)))
 
@@ -122,12 +126,17 @@ class Lisa(EpisodeNetwork):
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LisaHistory:
         """Start a rollout: show the skill predictor the instructions."""
         instruction = self.language(tokens, tokens_valid)
-        return LisaHistory(instruction=instruction, predictor=self.predictor.begin(instruction.tokens, tokens_valid))
+        return LisaHistory(
+            instruction=instruction,
+            naming=instruction.naming(),
+            names=self.language.names(),
+            predictor=self.predictor.begin(instruction.tokens, tokens_valid),
+        )
 
     def act(self, history: LisaHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step; a skill code is chosen at steps 0, H, 2H, ... of each phase of the plan."""
-        seen, predictor_seen = self._look(observations)
-        history.unseen.append(self._ask_words(predictor_seen, history.instruction, None))
+        seen, predictor_seen = self._look(observations, history.names)
+        history.unseen.append(self._ask_words(predictor_seen, history.naming, None))
         code, step_in_phase = history.plan.at(history.step)
         step_in_chunk = step_in_phase % self.horizon
         if step_in_chunk == 0:
@@ -154,17 +163,15 @@ class Lisa(EpisodeNetwork):
             history.skill = self.quantizer.embed(history.codes)
         history.policy = self.action_predictor.begin(self.skill_embedding(history.skill))
 
-    def _look(self, observations: Mapping[str, Tensor]) -> tuple[Seen, Seen]:
+    def _look(self, observations: Mapping[str, Tensor], names: Tensor) -> tuple[Seen, Seen]:
         """What the policy and what the skill predictor sees of N frames."""
-        names = self.language.names()
         seen = self.observations(observations, names)
         return seen, self.predictor_observations(observations, names) if self.predictor_observations else seen
 
-    def _ask_words(self, seen: Seen, instruction: Instruction, rows: Tensor | None) -> Tensor:
-        """What the skill predictor sees, (N, D), the instruction's words having asked for things."""
+    def _ask_words(self, seen: Seen, said: Instruction, rows: Tensor | None) -> Tensor:
+        """What the skill predictor sees, (N, D), the words that name things having asked for them."""
         if self.asks_words is None or seen.parts is None:
             return seen.summary
-        said = instruction.naming()
         answers, _ = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
         return seen.summary + answers
 
