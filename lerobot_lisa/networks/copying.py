@@ -19,17 +19,24 @@ class PhraseCopier(nn.Module):
         width: D.
         words: W.
         parts: How many phrases a skill is made of, such as what to do and with what.
+        own: How many further parts it makes up, for what nobody says: where to search, whether to turn back.
+        own_width: How many numbers each of these is; few, so that as few codes can stand for them.
     """
 
-    def __init__(self, width: int, words: int, parts: int) -> None:
+    def __init__(self, width: int, words: int, parts: int, own: int = 0, own_width: int = 16) -> None:
         super().__init__()
         self.parts, self.width = parts, words
+        self.own = nn.ModuleList(
+            nn.Sequential(nn.Linear(width, own_width), nn.LayerNorm(own_width), nn.Linear(own_width, words))
+            for _ in range(own)
+        )
         self.query, self.key = nn.Linear(width, parts * width), nn.Linear(width, width)
         self.prefers_names = nn.Parameter(torch.tensor([3.0] + [0.0] * (parts - 1)))
 
     def forward(self, answers: Tensor, instruction: Instruction) -> Tensor:
-        """Answers (C, D) of the skill predictor and the C instructions they are about -> phrases (C, parts, W)."""
-        return self.pointers(answers, instruction) @ instruction.phrases
+        """Answers (C, D) of the skill predictor and the C instructions they are about -> (C, parts + own, W)."""
+        phrases = self.pointers(answers, instruction) @ instruction.phrases
+        return torch.cat([phrases, *(own(answers)[:, None] for own in self.own)], dim=1)
 
     def pointers(self, answers: Tensor, instruction: Instruction) -> Tensor:
         """Where in the instructions each part points, (C, parts, M)."""

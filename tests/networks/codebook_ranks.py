@@ -6,7 +6,7 @@ import torch
 import torch.distributed
 from tiny_networks import WIDTH, codebook
 
-from lerobot_lisa.networks.quantizers import Codebook
+from lerobot_lisa.networks.codebooks import Codebook
 
 STEPS, RANKS = 30, 2
 

@@ -7,7 +7,7 @@ import torch
 from codebook_ranks import RANKS, STEPS, batch, run
 from tiny_networks import codebook
 
-from lerobot_lisa.networks.quantizers import Codebook
+from lerobot_lisa.networks.codebooks import Codebook
 
 State = dict[str, torch.Tensor]
 CODES = "quantizers.0._codebook.embed"

@@ -9,15 +9,8 @@ from hypothesis import strategies as st
 from tiny_networks import codebook
 from torch import Tensor
 
-from lerobot_lisa.networks.quantizers import (
-    Codebook,
-    Continuous,
-    FiniteScalars,
-    Quantized,
-    Quantizer,
-    ResidualCodebook,
-    far_samples,
-)
+from lerobot_lisa.networks.codebooks import Codebook, CodebookSettings, ResidualCodebook, far_samples
+from lerobot_lisa.networks.quantizers import Continuous, FiniteScalars, Quantized, Quantizer
 
 SIZE, WIDTH = 6, 16
 
@@ -267,8 +260,8 @@ def several() -> dict[str, Quantizer]:
     made: dict[str, Quantizer] = {
         "two parts": codebook(4, WIDTH, parts=2),
         "two parts among words": codebook(4, WIDTH, parts=2, code_width=None),
-        "residual": ResidualCodebook(WIDTH, 4, None, 0.9, 0.25, 1.0, parts=3),
-        "residual, narrow": ResidualCodebook(WIDTH, 4, 3, 0.9, 0.25, 1.0, parts=2),
+        "residual": ResidualCodebook(WIDTH, [4] * 3, CodebookSettings(0.9, 0.25, 1.0)),
+        "residual, narrow": ResidualCodebook(WIDTH, [4, 3], CodebookSettings(0.9, 0.25, 1.0, code_width=3)),
         "finite scalars": FiniteScalars(WIDTH, [4, 3]),
     }
     for quantizer in made.values():

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from tiny_networks import WIDTH, Batch, batch, codebook, lang_dt, lisa, run
 from torch import Tensor
 
+from lerobot_lisa.networks.codebooks import CodebookSettings, ResidualCodebook
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.lisa import Lisa
-from lerobot_lisa.networks.quantizers import FiniteScalars, ResidualCodebook
+from lerobot_lisa.networks.quantizers import FiniteScalars
 from lerobot_lisa.networks.transformer import Memory
 
 HORIZON = 3
@@ -21,7 +22,8 @@ NETWORKS = {
     "lisa_copying_only": lisa(HORIZON, asking=False),
     "lisa_asking_only": lisa(HORIZON, copying=False),
     "lisa_two_parts": lisa(HORIZON, quantizer=codebook(size=3, code_width=None, parts=2)),
-    "lisa_residual": lisa(HORIZON, quantizer=ResidualCodebook(WIDTH, 3, None, 0.99, 0.25, 1.0, 2)),
+    "lisa_made_up_part": lisa(HORIZON, quantizer=codebook(size=3, code_width=None, parts=2), own=1),
+    "lisa_residual": lisa(HORIZON, quantizer=ResidualCodebook(WIDTH, [3, 3], CodebookSettings(0.99, 0.25, 1.0))),
     "lisa_finite_scalars": lisa(HORIZON, quantizer=FiniteScalars(WIDTH, [3, 3])),
     "lisa_continuous": lisa(HORIZON, categorical=False),
     "lisa_windowed": lisa(HORIZON, window=5),

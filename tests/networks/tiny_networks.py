@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
+from lerobot_lisa.networks.codebooks import Codebook, CodebookSettings
 from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.lang_dt import LangDT
@@ -15,7 +16,7 @@ from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.observations import AskingSpec, ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.parts import PartAttention
-from lerobot_lisa.networks.quantizers import Codebook, Quantizer
+from lerobot_lisa.networks.quantizers import Quantizer
 from lerobot_lisa.networks.real_actions import MeanHead
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.symbols import SymbolNames
@@ -77,12 +78,13 @@ def lisa(
     asking: bool = True,
     copying: bool = True,
     quantizer: Quantizer | None = None,
+    own: int = 0,
 ) -> Lisa:
     """LISA without dropout, in evaluation mode, with a codebook that has seen data."""
     torch.manual_seed(1)
     transformer = CausalTransformer(WIDTH, layers, HEADS, 0.0, window=window)
     parts = len(quantizer.sizes) if isinstance(quantizer, Codebook) else 1
-    source = PhraseCopier(WIDTH, WIDTH, parts) if copying else OwnNumbers(WIDTH, parts)
+    source = PhraseCopier(WIDTH, WIDTH, parts - own, own, 4) if copying else OwnNumbers(WIDTH, parts)
     network = Lisa(
         language=LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES),
         observations=observations(asking),
@@ -138,16 +140,8 @@ def codebook(
     warmup_steps: int = 0,
 ) -> Codebook:
     """A small codebook."""
-    return Codebook(
-        width=width,
-        size=size,
-        code_width=code_width,
-        decay=decay,
-        commitment_weight=0.25,
-        dead_code_threshold=dead_code_threshold,
-        parts=parts,
-        warmup_steps=warmup_steps,
-    )
+    settings = CodebookSettings(decay, 0.25, dead_code_threshold, code_width, warmup_steps)
+    return Codebook(width, [size] * parts, settings)
 
 
 def run(network: EpisodeNetwork, what: Batch) -> tuple[Tensor, Tensor | None]:

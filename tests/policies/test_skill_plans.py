@@ -112,6 +112,30 @@ def test_names_of_codes_with_several_parts(symbolic: Path) -> None:
         policy.find_code(first)
 
 
+def test_names_of_codes_with_made_up_parts(symbolic: Path) -> None:
+    """They have numbers, and may be left out of a name: then they are what training used most."""
+    policy = training("lisa", symbolic, n_own_parts=1, codebook_size=3, own_codebook_size=2).warm_up(5).policy.eval()
+    phrase = next(iter(policy.config.lexicon))
+
+    assert policy.n_codes == 6
+    assert [label.rsplit(" / ", 1)[1] for label in policy.code_labels] == ["#0", "#1"] * 3
+    numbered = [policy.find_code(f"{phrase} / #{number}") for number in (0, 1)]
+    assert [code % 2 for code in numbered] == [0, 1]
+    assert numbered[0] // 2 == numbered[1] // 2
+    assert policy.find_code(phrase) == numbered[policy.network.quantizer.most_used[-1]]
+    policy.follow(f"{phrase} / #1*4, {phrase}")
+    with pytest.raises(UserError, match="parts with a number are #0 to #1"):
+        policy.find_code(f"{phrase} / #2")
+    with pytest.raises(UserError, match=r"names 2 parts, but a code has 1 parts, and 1 with a number \(#0\)"):
+        policy.find_code(f"{phrase} / {phrase}")
+
+
+def test_made_up_parts_are_beside_copied_ones(symbolic: Path) -> None:
+    for other in ({"copy_words": False}, {"quantizer": "fsq"}):
+        with pytest.raises(UserError, match="they need vq and copy_words"):
+            training("lisa", symbolic, n_own_parts=1, **other)
+
+
 def test_codes_without_words_have_no_names(symbolic: Path) -> None:
     policy = training("lisa", symbolic, copy_words=False).warm_up().policy
 

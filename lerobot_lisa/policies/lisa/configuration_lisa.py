@@ -1,13 +1,13 @@
 """Settings of the LISA policy."""
 
 from dataclasses import dataclass, field
-from math import prod
 from typing import ClassVar
 
 from lerobot.configs import PreTrainedConfig
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.lisa.quantizer_choices import QUANTIZERS, codebook_sizes, n_codes
 
 MOST_CODES = 1_000_000
 
@@ -31,7 +31,10 @@ class LisaConfig(EpisodePolicyConfig):
         n_code_parts: Of how many parts a skill code consists, each with a codebook of its own: with "vq" one for each
             of several copied phrases (a product quantiser), with "residual_vq" one after another.
         codebook_size: Codes of each part; K, the number of skill codes, is the product over the parts.
-        code_width: Numbers per code where the skill predictor does not copy; copied phrases stay among words.
+        n_own_parts: Further parts that the skill predictor makes up, beside the phrases that it copies: for what nobody
+            says, such as where to search. With "vq" and `copy_words`.
+        own_codebook_size: Codes of each of these.
+        code_width: Numbers per code that the skill predictor makes up; copied phrases stay among words.
         fsq_levels: Levels of each number of "fsq"; K is their product.
         codebook_decay: Of the moving averages that are the codes.
         commitment_weight: lambda, weight of the commitment loss.
@@ -52,6 +55,8 @@ class LisaConfig(EpisodePolicyConfig):
     quantizer: str = "vq"
     n_code_parts: int = 1
     codebook_size: int = 20
+    n_own_parts: int = 0
+    own_codebook_size: int = 20
     code_width: int = 16
     fsq_levels: list[int] = field(default_factory=lambda: [5, 4])
     codebook_decay: float = 0.99
@@ -70,6 +75,8 @@ class LisaConfig(EpisodePolicyConfig):
         "horizon": (1, 10**6),
         "n_code_parts": (1, 8),
         "codebook_size": (1, 10**6),
+        "n_own_parts": (0, 8),
+        "own_codebook_size": (1, 10**6),
         "code_width": (1, 8192),
         "codebook_decay": (0, 0.999999),
         "commitment_weight": (0, 1e6),
@@ -81,7 +88,9 @@ class LisaConfig(EpisodePolicyConfig):
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded or allocated."""
         super().__post_init__()
-        self._check_choice("quantizer", ("vq", "residual_vq", "fsq", "continuous"))
+        self._check_choice("quantizer", tuple(QUANTIZERS))
+        if self.n_own_parts and (self.quantizer != "vq" or not self.copy_words):
+            raise UserError("--policy.n_own_parts are beside copied phrases in a codebook: they need vq and copy_words")
         if not 1 <= len(self.fsq_levels) <= 16 or not all(3 <= level <= 1000 for level in self.fsq_levels):
             raise UserError(f"--policy.fsq_levels={self.fsq_levels!r:.60} must be 1 to 16 numbers from 3 to 1000")
         if (codes := self.n_codes) > MOST_CODES:
@@ -93,11 +102,9 @@ class LisaConfig(EpisodePolicyConfig):
     @property
     def n_codes(self) -> int:
         """K, the number of skill codes, all parts taken together; 0 if skills are continuous."""
-        if self.quantizer == "continuous":
-            return 0
-        return prod(self.fsq_levels) if self.quantizer == "fsq" else self.codebook_size**self.n_code_parts
+        return n_codes(self)
 
     def _count_parameters(self) -> int:
         width = max(self.code_width, self.dim_model)
-        codebook = 2 * width * (self.n_code_parts * self.codebook_size + self.dim_model)
+        codebook = 2 * width * (sum(codebook_sizes(self)) + self.dim_model)
         return super()._count_parameters() + codebook + self.dim_model * self.horizon

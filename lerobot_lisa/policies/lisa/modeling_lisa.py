@@ -11,14 +11,7 @@ from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.packing import Packing
-from lerobot_lisa.networks.quantizers import (
-    Codebook,
-    Continuous,
-    FiniteScalars,
-    Quantized,
-    Quantizer,
-    ResidualCodebook,
-)
+from lerobot_lisa.networks.quantizers import Quantized
 from lerobot_lisa.networks.skill_plan import read_plan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
@@ -26,6 +19,7 @@ from lerobot_lisa.networks.transformer import CausalTransformer
 from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
 from lerobot_lisa.policies.lisa.code_names import code_labels, find_code, split
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+from lerobot_lisa.policies.lisa.quantizer_choices import QUANTIZERS
 from lerobot_lisa.policies.parts import (
     make_action_head,
     make_language_encoder,
@@ -59,7 +53,7 @@ class LisaPolicy(EpisodePolicy):
             observations=make_observation_encoder(config, language),
             predictor=make_skill_predictor(config),
             source=source,
-            quantizer=make_quantizer(config, source.width),
+            quantizer=QUANTIZERS[config.quantizer].make(config, source.width),
             skill_embedding=nn.Linear(source.width, config.dim_model),
             action_predictor=make_action_predictor(config, action_bounds),
             horizon=config.horizon,
@@ -174,28 +168,8 @@ def make_source(config: LisaConfig, language: LanguageEncoder) -> PhraseCopier |
     """What the quantiser gets: phrases, or the skill predictor's own numbers."""
     parts = 1 if config.quantizer == "residual_vq" else config.n_code_parts
     if config.copy_words:
-        return PhraseCopier(config.dim_model, language.encoder.width, parts)
+        return PhraseCopier(config.dim_model, language.encoder.width, parts, config.n_own_parts, config.code_width)
     return OwnNumbers(config.dim_model, parts)
-
-
-def make_quantizer(config: LisaConfig, width: int) -> Quantizer:
-    """The configured one, for embeddings of a width."""
-    code_width = None if config.copy_words else config.code_width
-    if config.quantizer == "continuous":
-        return Continuous(width, code_width)
-    if config.quantizer == "fsq":
-        return FiniteScalars(width, config.fsq_levels)
-    kind = ResidualCodebook if config.quantizer == "residual_vq" else Codebook
-    return kind(
-        width,
-        config.codebook_size,
-        code_width,
-        config.codebook_decay,
-        config.commitment_weight,
-        config.dead_code_threshold,
-        config.n_code_parts,
-        config.quantizer_warmup_steps,
-    )
 
 
 def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
