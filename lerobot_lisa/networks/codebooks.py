@@ -74,11 +74,15 @@ class LearnedCodes(Quantizer):
 
     def forward(self, embeddings: Tensor) -> Quantized:
         """Nearest codes of embeddings (N, parts, E)."""
+        codes = self.makes_codes
         if self.training:
             self.steps += 1
-        if not self.initialised and (not self.training or int(self.steps) <= self.warmup_steps):
-            return Quantized(embeddings, None, embeddings.new_zeros(()), None)
-        return self.quantize(embeddings)
+        return self.quantize(embeddings) if codes else Quantized(embeddings, None, embeddings.new_zeros(()), None)
+
+    @property
+    def makes_codes(self) -> bool:
+        """From the first training step after the warm-up on."""
+        return self.initialised or (self.training and int(self.steps) >= self.warmup_steps)
 
     @property
     @abstractmethod

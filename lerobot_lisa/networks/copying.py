@@ -1,6 +1,7 @@
 """What the skill predictor says to the quantiser: phrases copied from the instruction, or numbers of its own."""
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.language import Instruction
@@ -11,9 +12,11 @@ class PhraseCopier(nn.Module):
 
     What the quantiser gets then lies in the space of words, so that a code can be read, asked with and set by name.
 
-    Before anything is learned the first part points at words that name things. A mixture of all words of a long
-    instruction is so little like any of its things that none answers when asked by it, and where nothing answers there
-    is nothing to learn from.
+    The first part points at names of things, where things have names. A mixture of all words of a long instruction is
+    so little like any of its things that none answers when asked by it, and where nothing answers there is nothing to
+    learn from; and "to" is no thing, but was used as a signal of its own.
+
+    Once there are codes a phrase is copied whole: mixtures have no names, and codes would stand between phrases.
 
     Args:
         width: D.
@@ -31,19 +34,33 @@ class PhraseCopier(nn.Module):
             for _ in range(own)
         )
         self.query, self.key = nn.Linear(width, parts * width), nn.Linear(width, width)
-        self.prefers_names = nn.Parameter(torch.tensor([3.0] + [0.0] * (parts - 1)))
 
-    def forward(self, answers: Tensor, instruction: Instruction) -> Tensor:
-        """Answers (C, D) of the skill predictor and the C instructions they are about -> (C, parts + own, W)."""
-        phrases = self.pointers(answers, instruction) @ instruction.phrases
+    def forward(self, answers: Tensor, instruction: Instruction, whole: bool = True) -> Tensor:
+        """What the skill predictor says.
+
+        Args:
+            answers: (C, D), its output.
+            instruction: The C instructions that they are about.
+            whole: Copy the phrase that is pointed at most, instead of all of them as far as they are pointed at; the
+                gradient is the mixture's.
+
+        Returns:
+            (C, parts + own, W).
+        """
+        pointers = self.pointers(answers, instruction)
+        if whole:
+            most = F.one_hot(pointers.argmax(-1), pointers.shape[-1]).to(pointers.dtype)
+            pointers = pointers + (most - pointers).detach()
+        phrases = pointers @ instruction.phrases
         return torch.cat([phrases, *(own(answers)[:, None] for own in self.own)], dim=1)
 
     def pointers(self, answers: Tensor, instruction: Instruction) -> Tensor:
         """Where in the instructions each part points, (C, parts, M)."""
         query = self.query(answers).unflatten(-1, (self.parts, -1))
         scores = query @ self.key(instruction.tokens).transpose(1, 2) / query.shape[-1] ** 0.5
-        scores = scores + self.prefers_names[:, None] * instruction.names[:, None]
-        return scores.masked_fill(~instruction.valid[:, None], float("-inf")).softmax(-1)
+        allowed = instruction.valid[:, None].repeat(1, self.parts, 1)
+        allowed[:, 0] &= instruction.ends
+        return scores.masked_fill(~allowed, float("-inf")).softmax(-1)
 
 
 class OwnNumbers(nn.Module):
@@ -54,6 +71,6 @@ class OwnNumbers(nn.Module):
         self.parts, self.width = parts, width
         self.output = nn.Linear(width, parts * width) if parts > 1 else nn.Identity()
 
-    def forward(self, answers: Tensor, instruction: Instruction) -> Tensor:
-        """Answers (C, D) -> (C, parts, D); the instruction has been heard already."""
+    def forward(self, answers: Tensor, instruction: Instruction, whole: bool = True) -> Tensor:
+        """Answers (C, D) -> (C, parts, D); the instruction has been heard already, and `whole` means nothing."""
         return self.output(answers).unflatten(-1, (self.parts, -1))

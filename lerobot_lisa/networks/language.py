@@ -18,12 +18,15 @@ class Instruction(NamedTuple):
         valid: (B, M), False for padding.
         phrases: (B, M, W), each token with what it belongs to, in the space of words: where names of things lie, too.
         names: (B, M), which tokens are words that name things; all of them where nothing has a name.
+        ends: (B, M), which of them are the last of their name, "ball" of "red ball": whose phrases are whole names; all
+            tokens of instructions that name nothing.
     """
 
     tokens: Tensor
     valid: Tensor
     phrases: Tensor
     names: Tensor
+    ends: Tensor
 
     def naming(self) -> "Instruction":
         """Only the tokens that name things, in order: what else is said finds nothing among things with names."""
@@ -31,7 +34,8 @@ class Instruction(NamedTuple):
         order = (~self.names).to(torch.uint8).argsort(dim=1, stable=True)[:, :most]
         rows = torch.arange(len(order), device=order.device)[:, None]
         valid = self.names[rows, order]
-        return Instruction(self.tokens[rows, order], valid, self.phrases[rows, order], valid)
+        ends = self.ends[rows, order] & valid
+        return Instruction(self.tokens[rows, order], valid, self.phrases[rows, order], valid, ends)
 
     def take(self, rows: Tensor) -> "Instruction":
         """The instructions of some rows (N,), repeats allowed."""
@@ -153,8 +157,12 @@ class LanguageEncoder(nn.Module):
     def forward(self, tokens: Tensor, valid: Tensor) -> Instruction:
         """Encode token ids (B, M), with their validity (B, M)."""
         context, phrases = self.encoder(tokens, valid)
-        names = torch.isin(tokens, self.name_tokens[self.name_valid]) & valid if len(self.name_tokens) else valid
-        return Instruction(self.output(context), valid, phrases, names)
+        if not len(self.name_tokens):
+            return Instruction(self.output(context), valid, phrases, valid, valid)
+        names = torch.isin(tokens, self.name_tokens[self.name_valid]) & valid
+        ends = names & ~F.pad(names[:, 1:], (0, 1))
+        ends = torch.where(ends.any(1, keepdim=True), ends, valid)
+        return Instruction(self.output(context), valid, phrases, names, ends)
 
     def names(self) -> Tensor:
         """Vectors of all names of things, (n, W), beside the phrases of instructions."""

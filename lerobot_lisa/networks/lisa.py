@@ -112,7 +112,7 @@ class Lisa(EpisodeNetwork):
 
         heard = self._ask_words(predictor_seen, instruction.naming(), packing.sequence)
         answers = self.predictor(instruction.tokens, tokens_valid, heard, packing, self.horizon)
-        skills = self.quantizer(self.source(answers, instruction.take(owners)))
+        skills = self.quantizer(self.source(answers, instruction.take(owners), self.quantizer.makes_codes))
 
         prefix = self.skill_embedding(skills.embeddings)
         wanted, _ = self._ask_skill(seen, skills.embeddings, prefix, chunks.sequence)
@@ -154,7 +154,7 @@ class Lisa(EpisodeNetwork):
         """Ask the skill predictor, whose memory and answer are wanted even where the plan has a code of its own."""
         seen = torch.stack(history.unseen, dim=1)
         answers = self.predictor.ask(history.predictor, seen, history.step + 1 - len(history.unseen))
-        skills = self.quantizer(self.source(answers, history.instruction))
+        skills = self.quantizer(self.source(answers, history.instruction, self.quantizer.makes_codes))
         history.unseen.clear()
         history.codes = history.predicted = skills.codes
         history.skill = skills.embeddings

@@ -54,6 +54,11 @@ class Quantizer(nn.Module, ABC):
         return True
 
     @property
+    def makes_codes(self) -> bool:
+        """Whether the next embeddings will get codes, or pass as they are."""
+        return bool(self.sizes)
+
+    @property
     def most_used(self) -> list[int]:
         """The code of each part that training used most, as far as the quantiser counts them; else the first."""
         return [0] * len(self.sizes)

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tiny_networks import Batch, batch, lang_dt, lisa
+from tiny_networks import Batch, batch, codebook, lang_dt, lisa
 from torch import Tensor
 
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
@@ -10,6 +10,11 @@ from lerobot_lisa.networks.lisa import Lisa
 
 HORIZON = 4
 LENGTHS = [HORIZON + 2, 1, 2 * HORIZON]  # chunks of 4 and 2; 1; 4 and 4
+
+
+def choosing(**settings: bool) -> Lisa:
+    """LISA in training, with a part that it makes up: what an instruction names may leave no choice."""
+    return lisa(HORIZON, quantizer=codebook(size=3, code_width=None, parts=2), own=1, **settings).train()
 
 
 def losses_and_embeddings(network: Lisa, what: Batch) -> tuple[Tensor, Tensor]:
@@ -23,7 +28,7 @@ def losses_and_embeddings(network: Lisa, what: Batch) -> tuple[Tensor, Tensor]:
 
 @pytest.mark.parametrize("categorical", [True, False])
 def test_every_step_reaches_its_own_chunk_and_no_other(categorical: bool) -> None:
-    network, what = lisa(HORIZON, categorical=categorical).train(), batch(LENGTHS, categorical)
+    network, what = choosing(categorical=categorical), batch(LENGTHS, categorical)
     loss, embeddings = losses_and_embeddings(network, what)
     chunk_of_step = what.packing.split(HORIZON).sequence
 
@@ -35,7 +40,7 @@ def test_every_step_reaches_its_own_chunk_and_no_other(categorical: bool) -> Non
 
 def test_gradients_flow_on_to_language_and_early_observations() -> None:
     """Loss on the last chunk alone moves the words and the observations of the first chunk."""
-    network, what = lisa(HORIZON).train(), batch([3 * HORIZON])
+    network, what = choosing(), batch([3 * HORIZON])
     states = what.observations["state"].requires_grad_()
     loss, _ = losses_and_embeddings(network, what)
 
