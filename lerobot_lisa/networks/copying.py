@@ -6,6 +6,10 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.language import Instruction
 
+SHARPNESS = 2.0
+"""Bound of a pointer's scores. The first of two goals is right for most of an episode; a pointer that grows ever more
+certain of it never learns when it is reached."""
+
 
 class PhraseCopier(nn.Module):
     """Points at tokens of the instruction and takes their phrases along: a pointer network (arXiv:1506.03134).
@@ -56,8 +60,8 @@ class PhraseCopier(nn.Module):
 
     def pointers(self, answers: Tensor, instruction: Instruction) -> Tensor:
         """Where in the instructions each part points, (C, parts, M)."""
-        query = self.query(answers).unflatten(-1, (self.parts, -1))
-        scores = query @ self.key(instruction.tokens).transpose(1, 2) / query.shape[-1] ** 0.5
+        query = F.normalize(self.query(answers).unflatten(-1, (self.parts, -1)), dim=-1)
+        scores = SHARPNESS * query @ F.normalize(self.key(instruction.tokens), dim=-1).transpose(1, 2)
         allowed = instruction.valid[:, None].repeat(1, self.parts, 1)
         allowed[:, 0] &= instruction.ends
         return scores.masked_fill(~allowed, float("-inf")).softmax(-1)

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lerobot_lisa.networks.copying import PhraseCopier
+from lerobot_lisa.networks.copying import SHARPNESS, PhraseCopier
 from lerobot_lisa.networks.language import Instruction, LanguageEncoder, WordEncoder
 
 WIDTH = 16
@@ -84,3 +84,15 @@ def test_made_up_parts_come_last_and_take_no_words() -> None:
 
     assert copier(answers, here).shape == (3, 3, WIDTH)
     torch.testing.assert_close(copier(answers, here)[:, 1:], copier(answers, there)[:, 1:])
+
+
+@torch.no_grad()
+@given(seed=st.integers(0, 1000), size=st.sampled_from([1.0, 1e3]))
+def test_a_pointer_never_grows_certain(seed: int, size: float) -> None:
+    """However sure the skill predictor is, of two things that are named each stays possible."""
+    torch.manual_seed(seed)
+    copier = PhraseCopier(WIDTH, WIDTH, 1)
+
+    pointers = copier.pointers(size * torch.randn(4, WIDTH), said(RED, BALL, GO, TO, BOX).take(torch.zeros(4).long()))
+
+    assert pointers[:, 0, [1, 4]].min() > 1 / (1 + torch.e ** (2 * SHARPNESS)) - 1e-6
