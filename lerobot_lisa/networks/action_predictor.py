@@ -38,14 +38,14 @@ class ActionPredictor(nn.Module):
             packing: Where each sequence lies in the N frames.
 
         Returns:
-            The head's predictions for all N frames.
+            The head's predictions for all frames that are learned from.
         """
         when = self.timesteps(packing.steps)
         pairs = torch.stack([seen + when, self.head.embed(actions) + when], dim=1)
         frames = packing.pad(pairs.flatten(1)).unflatten(-1, (2, -1)).flatten(1, 2)  # (B, 2T, D)
         tokens = torch.cat([prefix, frames[:, :-1]], dim=1)  # nobody asks what follows the last action
         order = after_prefix(prefix.shape[1], torch.arange(2 * packing.longest - 1, device=prefix.device))
-        asked = prefix.shape[1] + torch.arange(0, 2 * packing.longest, 2, device=prefix.device)
+        asked = prefix.shape[1] + torch.arange(2 * packing.before, 2 * packing.longest, 2, device=prefix.device)
         valid = None if prefix_valid is None else _valid(prefix_valid, packing)
         return self.head(packing.unpad(self.transformer(tokens, order, valid, rows=asked)))
 

@@ -38,6 +38,11 @@ class EpisodeNetwork(nn.Module, ABC):
     def head(self) -> ActionHead:
         """What turns predictions into losses and actions."""
 
+    @property
+    @abstractmethod
+    def reach(self) -> int:
+        """How many steps before a prediction, or before the chunk that it belongs to, can matter to it."""
+
     @abstractmethod
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> Any:
         """Start a rollout with instructions (B, M), padding at the end; returns its `History`."""

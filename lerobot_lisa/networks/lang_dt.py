@@ -54,26 +54,30 @@ class LangDT(EpisodeNetwork):
         actions: Tensor,
         packing: Packing,
     ) -> Tensor:
-        """Predict every action of B whole episodes; arguments as in `Lisa.forward`."""
+        """Predict every action that is learned from of B whole episodes or excerpts; arguments as in `Lisa.forward`."""
         instruction = self.language(tokens, tokens_valid)
         seen, _, _ = self._look(observations, self.language.names(), instruction.naming(), packing.sequence)
         predictions, order = [], []
         for group in by_length(packing.lengths, self.padding_waste):
             rows = packing.rows(group)
-            group_packing = Packing(packing.lengths[group], packing.device)
             where = group.to(tokens.device)
             predictions.append(
                 self.action_predictor(
-                    instruction.tokens[where], tokens_valid[where], seen[rows], actions[rows], group_packing
+                    instruction.tokens[where], tokens_valid[where], seen[rows], actions[rows], packing.take(group)
                 )
             )
-            order.append(rows)
+            order.append(packing.learned.rows(group))
         return torch.cat(predictions)[torch.cat(order).argsort()]
 
     @property
     def head(self) -> ActionHead:
         """The transformer's."""
         return self.action_predictor.head
+
+    @property
+    def reach(self) -> int:
+        """Two tokens a step."""
+        return (self.action_predictor.transformer.reach + 1) // 2
 
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LangDTHistory:
         """Start a rollout: show the transformer the instructions."""

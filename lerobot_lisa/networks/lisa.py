@@ -10,6 +10,7 @@ from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead
 from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
+from lerobot_lisa.networks.excerpts import every
 from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
@@ -29,7 +30,8 @@ class LisaHistory(History):
         naming: The words of it that name things.
         names: (n, W) of all things, said or not.
         predictor: What the skill predictor remembers: the instruction and the observations up to the last question.
-        unseen: Observations (B, D) since the last question, which the skill predictor has not been shown yet.
+        unseen: Observations (B, D) that it looks at since the last question, which it has not been shown yet.
+        unseen_steps: When they were made.
         policy: What the policy remembers of the current chunk.
         skill: (B, parts, E) of the current chunk.
         codes: (B,) skill codes of the current chunk; None if skills are continuous.
@@ -42,6 +44,7 @@ class LisaHistory(History):
     names: Tensor
     predictor: Memory
     unseen: list[Tensor] = field(default_factory=list)
+    unseen_steps: list[int] = field(default_factory=list)
     policy: Memory | None = None
     skill: Tensor | None = None
     codes: Tensor | None = None
@@ -94,24 +97,27 @@ class Lisa(EpisodeNetwork):
         actions: Tensor,
         packing: Packing,
     ) -> tuple[Tensor, Quantized]:
-        """Predict every action of B whole episodes.
+        """Predict every action that is learned from of B whole episodes or excerpts.
 
         Args:
             tokens: Instruction tokens (B, M).
             tokens_valid: (B, M), False for padding, which is at the end.
             observations: Features of all N frames, each (N, *shape).
             actions: (N, A).
-            packing: Where each episode lies in the N frames.
+            packing: Where each episode, or excerpt that begins with a chunk, lies in the N frames.
 
         Returns:
-            Predictions for all N frames, and the skills of all chunks, in order.
+            Predictions for all frames that are learned from, and the skills of all their chunks, in order.
         """
         instruction = self.language(tokens, tokens_valid)
-        seen, predictor_seen = self._look(observations, self.language.names())
-        chunks, owners = packing.split(self.horizon), packing.count_chunks(self.horizon).sequence
+        look_rows, looks = every(packing, self.predictor.stride)
+        seen, predictor_seen = self._look(observations, packing.learned_rows, look_rows)
+        if packing.learned_rows is not None:
+            actions = actions[packing.learned_rows]
+        chunks, owners = packing.learned.split(self.horizon), packing.learned.count_chunks(self.horizon).sequence
 
-        heard = self._ask_words(predictor_seen, instruction.naming(), packing.sequence)
-        answers = self.predictor(instruction.tokens, tokens_valid, heard, packing, self.horizon)
+        heard = self._ask_words(predictor_seen, instruction.naming(), looks.sequence)
+        answers = self.predictor(instruction.tokens, tokens_valid, heard, looks, self.horizon)
         skills = self.quantizer(self.source(answers, instruction.take(owners), self.quantizer.makes_codes))
 
         prefix = self.skill_embedding(skills.embeddings)
@@ -122,6 +128,11 @@ class Lisa(EpisodeNetwork):
     def head(self) -> ActionHead:
         """The policy's."""
         return self.action_predictor.head
+
+    @property
+    def reach(self) -> int:
+        """The skill predictor's; the policy does not look out of its chunk."""
+        return self.predictor.transformer.reach
 
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LisaHistory:
         """Start a rollout: show the skill predictor the instructions."""
@@ -135,10 +146,11 @@ class Lisa(EpisodeNetwork):
 
     def act(self, history: LisaHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step; a skill code is chosen at steps 0, H, 2H, ... of each phase of the plan."""
-        seen, predictor_seen = self._look(observations, history.names)
-        history.unseen.append(self._ask_words(predictor_seen, history.naming, None))
         code, step_in_phase = history.plan.at(history.step)
         step_in_chunk = step_in_phase % self.horizon
+        seen = self.observations(observations, history.names)
+        if step_in_chunk == 0 or history.step % self.predictor.stride == 0:
+            self._show_predictor(history, observations, seen)
         if step_in_chunk == 0:
             self._choose_skill(history, code)
         if history.policy is None or history.skill is None:
@@ -153,9 +165,10 @@ class Lisa(EpisodeNetwork):
     def _choose_skill(self, history: LisaHistory, planned: int | None) -> None:
         """Ask the skill predictor, whose memory and answer are wanted even where the plan has a code of its own."""
         seen = torch.stack(history.unseen, dim=1)
-        answers = self.predictor.ask(history.predictor, seen, history.step + 1 - len(history.unseen))
+        answers = self.predictor.ask(history.predictor, seen, history.unseen_steps)
         skills = self.quantizer(self.source(answers, history.instruction, self.quantizer.makes_codes))
         history.unseen.clear()
+        history.unseen_steps.clear()
         history.codes = history.predicted = skills.codes
         history.skill = skills.embeddings
         if planned is not None:
@@ -163,10 +176,25 @@ class Lisa(EpisodeNetwork):
             history.skill = self.quantizer.embed(history.codes)
         history.policy = self.action_predictor.begin(self.skill_embedding(history.skill))
 
-    def _look(self, observations: Mapping[str, Tensor], names: Tensor) -> tuple[Seen, Seen]:
-        """What the policy and what the skill predictor sees of N frames."""
-        seen = self.observations(observations, names)
-        return seen, self.predictor_observations(observations, names) if self.predictor_observations else seen
+    def _show_predictor(self, history: LisaHistory, observations: Mapping[str, Tensor], seen: Seen) -> None:
+        """Keep this step's observation for the skill predictor; `seen` is what the policy sees of it."""
+        if self.predictor_observations is not None:
+            seen = self.predictor_observations(observations, history.names)
+        history.unseen.append(self._ask_words(seen, history.naming, None))
+        history.unseen_steps.append(history.step)
+
+    def _look(
+        self, observations: Mapping[str, Tensor], rows: Tensor | None, predictor_rows: Tensor | None
+    ) -> tuple[Seen, Seen]:
+        """What the policy sees of some of N frames, and what the skill predictor sees of some; None: of all."""
+        names = self.language.names()
+        if self.predictor_observations is None:
+            seen = self.observations(observations, names)
+            return seen.take(rows), seen.take(predictor_rows)
+        return (
+            self.observations(_take(observations, rows), names),
+            self.predictor_observations(_take(observations, predictor_rows), names),
+        )
 
     def _ask_words(self, seen: Seen, said: Instruction, rows: Tensor | None) -> Tensor:
         """What the skill predictor sees, (N, D), the words that name things having asked for them."""
@@ -183,3 +211,7 @@ class Lisa(EpisodeNetwork):
             return seen.summary, None
         answers, looks = self.asks_skill(seen.parts, skill, prefix, None, rows)
         return seen.summary + answers, looks
+
+
+def _take(observations: Mapping[str, Tensor], rows: Tensor | None) -> Mapping[str, Tensor]:
+    return observations if rows is None else {key: value[rows] for key, value in observations.items()}

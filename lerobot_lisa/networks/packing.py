@@ -19,6 +19,25 @@ class Packing:
         self.lengths = lengths.cpu()
         self.device = torch.device(device)
 
+    # What is learned from: here, all rows; `Excerpts` have some that are only looked at.
+
+    before = 0
+    """Rows of each padded sequence, at its beginning, that nothing is learned from."""
+
+    @property
+    def learned(self) -> "Packing":
+        """Where sequences lie among the rows that are learned from."""
+        return self
+
+    @property
+    def learned_rows(self) -> Tensor | None:
+        """Rows that are learned from; None: all."""
+        return None
+
+    def take(self, sequences: Tensor) -> "Packing":
+        """Some sequences (integers on the CPU), whose rows are `rows(sequences)`."""
+        return Packing(self.lengths[sequences], self.device)
+
     @cached_property
     def total(self) -> int:
         """Number of rows N."""

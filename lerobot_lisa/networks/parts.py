@@ -21,6 +21,9 @@ class Keys(Protocol):
             (N, Q, P).
         """
 
+    def take(self, frames: Tensor) -> "Keys":
+        """Those of some of the frames, whose numbers grow."""
+
 
 class OwnKeys(NamedTuple):
     """Each part of each frame has a key of its own.
@@ -34,6 +37,10 @@ class OwnKeys(NamedTuple):
     def match(self, asked: Tensor, rows: Tensor | None) -> Tensor:
         """See `Keys`."""
         return (asked if rows is None else asked[rows]) @ self.vectors.transpose(1, 2)
+
+    def take(self, frames: Tensor) -> "OwnKeys":
+        """See `Keys`."""
+        return OwnKeys(self.vectors[frames])
 
 
 class Slots(NamedTuple):
@@ -61,6 +68,12 @@ class Slots(NamedTuple):
         padded = real.new_full((*self.shape, *real.shape[1:]), empty)
         return padded.index_put((self.frames, self.slots), real)
 
+    def take(self, frames: Tensor) -> "tuple[Slots, Tensor]":
+        """Slots of some of the frames, whose numbers grow, and which of the R parts are theirs, (R,)."""
+        number = self.frames.new_full((self.shape[0],), -1).index_put((frames,), torch.arange(len(frames)).to(frames))
+        taken = number[self.frames] >= 0
+        return Slots(number[self.frames[taken]], self.slots[taken], (len(frames), self.shape[1])), taken
+
 
 class SharedKeys(NamedTuple):
     """A part's key is a sum of a table's rows. Questions are compared with the table, once for all of their frames.
@@ -81,6 +94,11 @@ class SharedKeys(NamedTuple):
         whose = self.slots.frames if rows is None else rows[self.slots.frames]
         matches = F.embedding_bag(whose[:, None] * len(self.table) + self.rows, scores, mode="sum")
         return self.slots.pad(matches).transpose(1, 2)
+
+    def take(self, frames: Tensor) -> "SharedKeys":
+        """See `Keys`."""
+        slots, taken = self.slots.take(frames)
+        return SharedKeys(self.table, self.rows[taken], slots)
 
 
 class Parts(NamedTuple):
@@ -109,6 +127,11 @@ class Parts(NamedTuple):
         scores = [keys.match(asked, rows) for keys in self.keys]
         return torch.cat(scores, dim=-1) + self.bias[:, None]
 
+    def take(self, frames: Tensor) -> "Parts":
+        """Those of some of the frames, whose numbers grow."""
+        keys = tuple(keys.take(frames) for keys in self.keys)
+        return Parts(keys, self.values[frames], self.bias[frames], self.places[frames])
+
 
 class Seen(NamedTuple):
     """N observations as the networks see them.
@@ -120,6 +143,12 @@ class Seen(NamedTuple):
 
     summary: Tensor
     parts: Parts | None
+
+    def take(self, frames: Tensor | None) -> "Seen":
+        """Some of the observations, whose numbers grow; None: all."""
+        if frames is None:
+            return self
+        return Seen(self.summary[frames], None if self.parts is None else self.parts.take(frames))
 
 
 class PartAttention(nn.Module):

@@ -116,6 +116,11 @@ class CausalTransformer(nn.Module):
         self.input_norm, self.output_norm = nn.LayerNorm(width), nn.LayerNorm(width)
         self.dropout = nn.Dropout(dropout)
 
+    @property
+    def reach(self) -> int | None:
+        """How far below a token's order those can be that matter to it: each block looks back a window; None: any."""
+        return None if self.window is None else len(self.blocks) * (self.window - 1)
+
     def new_memory(self) -> Memory:
         """An empty memory for one rollout."""
         return Memory(len(self.blocks), self.window)

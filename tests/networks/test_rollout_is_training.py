@@ -1,5 +1,8 @@
 """A rollout replayed through the training forward pass gives the same codes and the same predictions at every step."""
 
+from dataclasses import replace
+from random import Random
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -8,7 +11,9 @@ from tiny_networks import WIDTH, Batch, batch, codebook, lang_dt, lisa, run
 from torch import Tensor
 
 from lerobot_lisa.networks.codebooks import CodebookSettings, ResidualCodebook
+from lerobot_lisa.networks.actions import CategoricalHead
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
+from lerobot_lisa.networks.excerpts import cut
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.quantizers import FiniteScalars
@@ -28,6 +33,9 @@ NETWORKS = {
     "lisa_continuous": lisa(HORIZON, categorical=False),
     "lisa_windowed": lisa(HORIZON, window=5),
     "lisa_deep": lisa(HORIZON, window=5, layers=2),
+    "lisa_looking_every_horizon": lisa(HORIZON, stride=HORIZON),
+    "lisa_looking_every_horizon_windowed": lisa(HORIZON, stride=HORIZON, window=3 * HORIZON, layers=2, shared=True),
+    "lisa_looking_twice_a_horizon": lisa(4, stride=2, window=7),
     "lisa_horizon_1": lisa(1),
     "lisa_horizon_1_windowed": lisa(1, window=2),
     "lang_dt": lang_dt(),
@@ -110,6 +118,59 @@ def test_memory_and_time_per_step_are_bounded(name: str, window: int) -> None:
     if isinstance(network, Lisa):
         assert history.policy.length <= 2 * HORIZON
         assert len(history.unseen) < HORIZON
+
+
+EXCERPTS = [name for name in NETWORKS if "window" in name or "deep" in name]
+
+
+@pytest.mark.parametrize("name", EXCERPTS)
+@settings(max_examples=15)
+@given(lengths=st.lists(st.integers(1, 60), min_size=1, max_size=4), parts=st.integers(1, 4), seed=st.integers(0, 99))
+def test_excerpts_are_predicted_as_in_a_rollout(name: str, lengths: list[int], parts: int, seed: int) -> None:
+    """What is cut off before an excerpt and its context matters to nothing, so a step may cost the same at any length.
+
+    Whole episodes are what `test_same_codes_and_predictions` compares with rollouts.
+    """
+    network = NETWORKS[name]
+    horizon = network.horizon if isinstance(network, Lisa) else 1
+    what, drawn = batch(lengths, network_is_categorical(network), seed=seed), Random(seed)
+    steps = torch.tensor([drawn.randrange(length) for length in lengths])
+    outputs, codes = run(network, what)
+
+    excerpts = cut(what.packing.lengths, steps, parts * horizon, network.reach, stride_of(network))
+    rows = (what.packing.lengths.cumsum(0) - what.packing.lengths)[excerpts.sequence] + excerpts.steps
+    cut_out = replace(
+        what,
+        observations={key: value[rows] for key, value in what.observations.items()},
+        actions=what.actions[rows],
+        packing=excerpts,
+    )
+    some, some_codes = run(network, cut_out)
+
+    assert all(steps[i] in excerpts.steps[excerpts.sequence == i] for i in range(len(lengths)))
+    torch.testing.assert_close(some, outputs[rows[excerpts.learned_rows]], atol=1e-5, rtol=1e-5)
+    if codes is not None:
+        chunks = what.packing.split(horizon).sequence[rows[excerpts.learned_rows]]
+        assert torch.equal(some_codes, codes[chunks.unique_consecutive()])
+
+
+@pytest.mark.parametrize("name", EXCERPTS)
+def test_excerpts_do_not_grow_with_their_episodes(name: str) -> None:
+    network = NETWORKS[name]
+    rows = [
+        cut(torch.tensor([length]), torch.tensor([length - 1]), 12, network.reach, stride_of(network)).total
+        for length in (3000, 30_000)
+    ]
+
+    assert rows[0] == rows[1] <= 12 + network.reach
+
+
+def stride_of(network: EpisodeNetwork) -> int:
+    return network.predictor.stride if isinstance(network, Lisa) else 1
+
+
+def network_is_categorical(network: EpisodeNetwork) -> bool:
+    return isinstance(network.head, CategoricalHead)
 
 
 def test_codes_last_a_horizon() -> None:

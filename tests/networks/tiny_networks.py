@@ -79,6 +79,7 @@ def lisa(
     copying: bool = True,
     quantizer: Quantizer | None = None,
     own: int = 0,
+    stride: int = 1,
 ) -> Lisa:
     """LISA without dropout, in evaluation mode, with a codebook that has seen data."""
     torch.manual_seed(1)
@@ -88,7 +89,7 @@ def lisa(
     network = Lisa(
         language=LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES),
         observations=observations(asking),
-        predictor=SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH),
+        predictor=SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH, stride),
         source=source,
         quantizer=quantizer or codebook(code_width=None if copying else 4),
         skill_embedding=nn.Linear(WIDTH, WIDTH),
