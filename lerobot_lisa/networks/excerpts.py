@@ -65,7 +65,7 @@ class Excerpts(Packing):
     def steps_cpu(self) -> Tensor:
         """The same on the CPU."""
         strides = torch.where(self._place < 0, self.context_stride, self.stride)
-        return self.first[self._sequence_cpu] + self._place * strides
+        return self.first[self.sequence_cpu] + self._place * strides
 
     @cached_property
     def valid(self) -> Tensor:
@@ -91,7 +91,7 @@ class Excerpts(Packing):
     @cached_property
     def _place(self) -> Tensor:
         """(N,) rows since the first one of its excerpt that is learned from; context is negative."""
-        return self._steps_cpu - self.contexts[self._sequence_cpu]
+        return self._steps_cpu - self.contexts[self.sequence_cpu]
 
     @cached_property
     def _padded_rows(self) -> Tensor:

@@ -21,8 +21,10 @@ class Packing:
 
     # What is learned from: here, all rows; `Excerpts` have some that are only looked at.
 
-    before = 0
-    """Rows of each padded sequence, at its beginning, that nothing is learned from."""
+    @property
+    def before(self) -> int:
+        """Rows of each padded sequence, at its beginning, that nothing is learned from."""
+        return 0
 
     @property
     def learned(self) -> "Packing":
@@ -56,7 +58,7 @@ class Packing:
     @cached_property
     def sequence(self) -> Tensor:
         """(N,) the number of the sequence that each row belongs to."""
-        return self._sequence_cpu.to(self.device)
+        return self.sequence_cpu.to(self.device)
 
     @cached_property
     def valid(self) -> Tensor:
@@ -71,7 +73,7 @@ class Packing:
 
     def unpad(self, padded: Tensor) -> Tensor:
         """(B, T or more, D) -> (N, D), the real rows only."""
-        index = self._sequence_cpu * padded.shape[1] + self._steps_cpu
+        index = self.sequence_cpu * padded.shape[1] + self._steps_cpu
         return F.embedding(index.to(self.device), padded.flatten(0, 1))
 
     def rows(self, sequences: Tensor) -> Tensor:
@@ -97,12 +99,13 @@ class Packing:
         return Packing((self.lengths + horizon - 1) // horizon, self.device)
 
     @cached_property
-    def _sequence_cpu(self) -> Tensor:
+    def sequence_cpu(self) -> Tensor:
+        """`sequence` on the CPU."""
         return torch.repeat_interleave(torch.arange(len(self.lengths)), self.lengths)
 
     @cached_property
     def _steps_cpu(self) -> Tensor:
-        return torch.arange(self.total) - (self.lengths.cumsum(0) - self.lengths)[self._sequence_cpu]
+        return torch.arange(self.total) - (self.lengths.cumsum(0) - self.lengths)[self.sequence_cpu]
 
 
 def by_length(lengths: Tensor, waste: float) -> list[Tensor]:

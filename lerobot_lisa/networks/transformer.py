@@ -4,6 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+EVERYTHING = 2**31
 PREFIX = -1  # order of instruction tokens: below every observation's, so all of them are seen by everybody, always
 
 
@@ -117,9 +118,9 @@ class CausalTransformer(nn.Module):
         self.dropout = nn.Dropout(dropout)
 
     @property
-    def reach(self) -> int | None:
-        """How far below a token's order those can be that matter to it: each block looks back a window; None: any."""
-        return None if self.window is None else len(self.blocks) * (self.window - 1)
+    def reach(self) -> int:
+        """How far below a token's order those can be that matter to it: each block looks back a window."""
+        return EVERYTHING if self.window is None else len(self.blocks) * (self.window - 1)
 
     def new_memory(self) -> Memory:
         """An empty memory for one rollout."""
