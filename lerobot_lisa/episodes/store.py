@@ -72,11 +72,7 @@ class EpisodeStore:
             UserError: An episode is in a part of the dataset that has not been fetched.
         """
         chosen = episodes.cpu()
-        if not self.present[chosen].all():
-            absent = int(self.sources[chosen[~self.present[chosen]][0]])
-            raise UserError(f"episode {absent} is not on disk: its data file has not been fetched with the others")
-        if self._fetch is not None:
-            self._fetch(self.sources[chosen].tolist())
+        self._make_ready(chosen)
         spans = [
             slice(start, start + length)
             for start, length in zip(self.starts[chosen].tolist(), self.lengths[chosen].tolist(), strict=True)
@@ -86,6 +82,22 @@ class EpisodeStore:
             for key, column in self.columns.items()
         }
         return Episodes(gathered, Packing(self.lengths[chosen], device))
+
+    def frames(self, frames: Tensor, device: torch.device | str = "cpu") -> dict[str, Tensor]:
+        """Features of single frames (N,) of the dataset, numbered as in LeRobot's `index`, each (N, *shape).
+
+        Raises:
+            UserError: One is in a part of the dataset that has not been fetched.
+        """
+        self._make_ready(self.holding(frames).unique())
+        return {key: column[frames.to(column.device)].to(device) for key, column in self.columns.items()}
+
+    def _make_ready(self, episodes: Tensor) -> None:
+        if not self.present[episodes].all():
+            absent = int(self.sources[episodes[~self.present[episodes]][0]])
+            raise UserError(f"episode {absent} is not on disk: its data file has not been fetched with the others")
+        if self._fetch is not None:
+            self._fetch(self.sources[episodes].tolist())
 
     def to(self, device: torch.device | str) -> "EpisodeStore":
         """The same store with its frames on `device`, so that gathering copies nothing between host and device."""

@@ -51,6 +51,13 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             the most probable one.
         action_seed: Makes drawing exact: rollout k after training or loading draws from seed `action_seed` + k.
         episode_store: Where whole episodes wait: "memory", "disk" (memory-mapped) or "device" (with the model).
+        image_size: Pixels of the longer side of pictures; larger ones are made smaller, once for training and in
+            rollouts alike. None: as they come.
+        excerpt_steps: What a training step learns from of the episode of a drawn frame: the part of this many steps
+            that holds it (see `networks.excerpts.cut`), so that a step costs the same at any length. LISA's are whole
+            chunks. 0: the whole episode, as in the paper. None: `EXCERPT_STEPS` if there are pictures, else 0.
+        lookback_steps: How far each block of the transformers over episodes looks back, in training and in rollouts. 0:
+            over the longest training episode. None: `LOOKBACK_STEPS` if there are pictures, else 0.
         optimizer_lr: Rate of the parameters that predict actions.
         optimizer_lr_language: Rate of the language encoder; None: the paper's 1e-6 for a pretrained one, `optimizer_lr`
             for "words", which starts from nothing.
@@ -94,6 +101,9 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     action_seed: int = 0
 
     episode_store: str = "memory"
+    image_size: int | None = 128
+    excerpt_steps: int | None = None
+    lookback_steps: int | None = None
 
     optimizer_lr: float = 1e-4
     optimizer_lr_language: float | None = None
@@ -104,14 +114,10 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     scheduler: str = "constant"
     scheduler_warmup_steps: int = 200
 
-    # Observations and actions enter as they are (paper: states are not normalised).
+    # What is not named of STATE and ACTION becomes MEAN_STD, as in LeRobot's policies: the weights of losses and the
+    # learning rates then mean the same whatever units a robot speaks in. Categorical actions stay as they are.
     normalization_mapping: dict[str, NormalizationMode] = field(
-        default_factory=lambda: {
-            "STATE": NormalizationMode.IDENTITY,
-            "ENV": NormalizationMode.IDENTITY,
-            "VISUAL": NormalizationMode.IDENTITY,
-            "ACTION": NormalizationMode.IDENTITY,
-        }
+        default_factory=lambda: {"ENV": NormalizationMode.IDENTITY, "VISUAL": NormalizationMode.IDENTITY}
     )
 
     dtype: str = "float32"  # "bfloat16" trains in mixed precision: LeRobot's accelerator reads this field
@@ -140,7 +146,13 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         "scheduler_warmup_steps": (0, 10**9),
         "action_classes": (0, 100_000),
         "max_timesteps": (1, 10**7),
+        "image_size": (1, 10_000),
+        "excerpt_steps": (0, 10**7),
+        "lookback_steps": (0, 10**7),
     }
+
+    EXCERPT_STEPS: ClassVar[int] = 80
+    LOOKBACK_STEPS: ClassVar[int] = 40
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded or allocated."""
@@ -235,19 +247,23 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     def set_dataset_feature_metadata(self, features: dict[str, dict[str, Any]]) -> None:
         """Take from a dataset's `info.json` what its `PolicyFeature`s do not say: a hook that LeRobot's factory calls.
 
-        Integer observations become symbols, an integer action becomes categorical. What the user has set stays.
+        Integer and boolean observations become symbols, an integer action becomes categorical. What the user has set
+        stays.
 
         Raises:
             UserError: An ignored action has no name.
         """
         for key, feature in (self.input_features or {}).items():
-            if feature.type is FeatureType.STATE and _is_integer(features.get(key, {})):
+            described = features.get(key, {})
+            if feature.type is FeatureType.STATE and (_is_integer(described) or described.get("dtype") == "bool"):
                 # Out of reach of STATE scaling.
                 self.input_features[key] = PolicyFeature(FeatureType.ENV, feature.shape)
             elif key == OBS_ENV_STATE and key in features and not _is_integer(features[key]):
                 # LeRobot calls it ENV whatever it holds; as symbols, real numbers would be cut to integers.
                 self.input_features[key] = PolicyFeature(FeatureType.STATE, feature.shape)
         action = features.get(ACTION, {})
+        if action.get("dtype") == "bool":  # switches, which have no mean to be taken off
+            self.normalization_mapping.setdefault("ACTION", NormalizationMode.IDENTITY)
         if self.action_classes is None:
             self.action_classes = _count_classes(action)
         if self.ignored_action_dimensions is None:
@@ -287,6 +303,28 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         if self.max_timesteps is None:
             self.max_timesteps = longest
 
+    def fill_in(self) -> None:
+        """Choose what the user has left open and what depends on the features."""
+        shows_pictures = any(feature.type is FeatureType.VISUAL for feature in (self.input_features or {}).values())
+        if self.excerpt_steps is None:
+            self.excerpt_steps = self.EXCERPT_STEPS if shows_pictures else 0
+        if self.lookback_steps is None:
+            self.lookback_steps = self.LOOKBACK_STEPS if shows_pictures else 0
+        scaled = {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
+        if self.action_classes:
+            scaled["ACTION"] = NormalizationMode.IDENTITY
+        self.normalization_mapping = {**scaled, **self.normalization_mapping}
+
+    @property
+    def learned_steps(self) -> int:
+        """Steps of the parts of episodes that are learned from; 0: whole episodes."""
+        return self.excerpt_steps or 0
+
+    @property
+    def look_stride(self) -> int:
+        """Which of the steps before an excerpt are looked at: every so many."""
+        return 1
+
     # Which features the networks can take.
 
     def validate_features(self) -> None:
@@ -301,7 +339,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             )
         for key, feature in self.input_features.items():
             self._check_observation(key, feature)
-        if self._is_scaled(FeatureType.ENV):
+        if self.is_scaled(FeatureType.ENV):
             raise UserError(
                 "ENV features hold symbols, which cannot be normalised: set normalization_mapping ENV to IDENTITY"
             )
@@ -318,6 +356,12 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             raise UserError(f"image `{key}` has shape {shape}: it must be (channels, height, width)")
         if any(side < 1 for side in shape):
             raise UserError(f"`{key}` has the empty shape {shape}: leave it out of --policy.input_features")
+        if kind is FeatureType.VISUAL and self.is_scaled(kind) and max(shape[1:]) > (self.image_size or max(shape)):
+            raise UserError(
+                f"image `{key}` is made smaller to {self.image_size} pixels, so it cannot be normalised before: set "
+                "normalization_mapping VISUAL to IDENTITY (encoders scale pictures themselves), or "
+                "--policy.image_size=null"
+            )
 
     def _check_action(self) -> None:
         action = self.action_feature
@@ -335,7 +379,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 "numbers: evaluate it in the world it was trained in (for integers of a dataset that are no choices, "
                 "pass --policy.action_classes=0)"
             )
-        if self.action_classes and self._is_scaled(FeatureType.ACTION):
+        if self.action_classes and self.is_scaled(FeatureType.ACTION):
             raise UserError("a categorical action cannot be normalised: set normalization_mapping ACTION to IDENTITY")
         ignored = self.ignored_action_dimensions or []
         outside = [d for d in ignored if not 0 <= d < action.shape[0]]
@@ -345,7 +389,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 f"{action.shape[0]} dimensions 0..{action.shape[0] - 1}"
             )
 
-    def _is_scaled(self, kind: FeatureType) -> bool:
+    def is_scaled(self, kind: FeatureType) -> bool:
+        """Whether the preprocessor scales features of a kind."""
         mode = self.normalization_mapping.get(kind.value, NormalizationMode.IDENTITY)
         return mode is not NormalizationMode.IDENTITY
 

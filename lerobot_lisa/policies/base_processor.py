@@ -17,7 +17,11 @@ from lerobot.processor import (
     make_default_policy_processor_steps,
     make_policy_processor_pipelines,
 )
-from lerobot.utils.constants import OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS
+from lerobot.utils.constants import (
+    OBS_LANGUAGE_ATTENTION_MASK,
+    OBS_LANGUAGE_TOKENS,
+    POLICY_PREPROCESSOR_DEFAULT_NAME,
+)
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers
 from torch import Tensor
 
@@ -35,6 +39,8 @@ REMEMBERED = 200_000  # instructions whose token ids are kept
 
 def make_pipelines(config: EpisodePolicyConfig, dataset_stats: Stats | None = None) -> Pipelines:
     """Rename, batch, tokenise the instruction, move to the device, normalise; and back for actions."""
+    if config.action_classes is not None:  # else nobody has looked at the dataset yet
+        config.fill_in()
     steps = make_default_policy_processor_steps(config, dataset_stats)
     return make_policy_processor_pipelines(
         input_steps=[
@@ -57,6 +63,15 @@ def make_tokenizer(config: EpisodePolicyConfig) -> Tokenizer:
 def make_normalizer(config: EpisodePolicyConfig, dataset_stats: Stats | None) -> NormalizerProcessorStep:
     """The pipelines' own step, for whole episodes, which do not come through them (see `EpisodePolicy`)."""
     return make_default_policy_processor_steps(config, dataset_stats).normalize
+
+
+def saved_statistics(config: EpisodePolicyConfig) -> Stats | None:
+    """What the preprocessor that is kept with the policy's checkpoint scales by; LeRobot has just loaded it."""
+    name = f"{POLICY_PREPROCESSOR_DEFAULT_NAME}.json"
+    saved = PolicyProcessorPipeline.from_pretrained(
+        str(config.pretrained_path), config_filename=name, revision=config.pretrained_revision
+    )
+    return next((step.stats for step in saved.steps if isinstance(step, NormalizerProcessorStep)), None)
 
 
 def build_vocabulary(instructions: Iterable[str], limit: int = 10_000) -> list[str]:
@@ -134,7 +149,7 @@ class InstructionStep(ObservationProcessorStep):
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Tokenise the task strings of the transition this observation belongs to."""
-        tokens, valid = self._tokenise(self._instructions())
+        tokens, valid = self.tokenise(self._instructions())
         return {**observation, OBS_LANGUAGE_TOKENS: tokens, OBS_LANGUAGE_ATTENTION_MASK: valid}
 
     def _instructions(self) -> list[str]:
@@ -147,7 +162,8 @@ class InstructionStep(ObservationProcessorStep):
                 raise UserError(f"an instruction is a string, but `task` holds {text!r:.60}")
         return instructions
 
-    def _tokenise(self, instructions: list[str]) -> tuple[Tensor, Tensor]:
+    def tokenise(self, instructions: list[str]) -> tuple[Tensor, Tensor]:
+        """Token ids (B, M) of B instructions, zeros at the end, and which of them are real (B, M)."""
         if not instructions:
             raise UserError("no instruction: `task` is empty")
         ids = [self._look_up(text) for text in instructions]

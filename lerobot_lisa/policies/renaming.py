@@ -1,6 +1,6 @@
 """Features that LeRobot has renamed for a policy (`--rename_map`): under which name the dataset has them."""
 
-from collections.abc import Container, Mapping
+from collections.abc import Callable, Container, Mapping
 from typing import Any
 
 from lerobot.configs import PolicyFeature
@@ -10,7 +10,10 @@ from lerobot_lisa.errors import UserError
 
 
 def renamed_features(
-    wanted: Mapping[str, PolicyFeature], features: dict[str, dict[str, Any]], batch: Container[str]
+    wanted: Mapping[str, PolicyFeature],
+    features: dict[str, dict[str, Any]],
+    batch: Container[str],
+    tell_apart: Callable[[str, list[str]], str | None] | None = None,
 ) -> dict[str, str]:
     """Match the policy's features that a dataset lacks with those of the dataset.
 
@@ -21,6 +24,7 @@ def renamed_features(
         wanted: The policy's observations.
         features: The dataset's, as in `info.json`.
         batch: Keys of a batch from the policy's preprocessor.
+        tell_apart: Says which of several features of the dataset is one of the policy's; None: nobody can.
 
     Returns:
         The dataset's name to the policy's, for each feature whose names differ.
@@ -38,6 +42,9 @@ def renamed_features(
         found = [name for name, shape in unused.items() if shape == tuple(wanted[key].shape)]
         if key not in batch or not found:
             raise UserError(f"the policy needs `{key}`, the dataset has {sorted(features)}: pass --rename_map")
+        if len(found) > 1:
+            chosen = tell_apart(key, found) if tell_apart else None
+            found = [chosen] if chosen and chosen not in names else found
         if len(found) > 1:
             raise UserError(
                 f"`{key}` may be any of the renamed {found}, which have the same shape: rename them in the dataset"

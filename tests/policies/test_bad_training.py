@@ -1,6 +1,7 @@
-"""One clear line for data that training cannot use, and for a checkpoint that is resumed on data that have changed."""
+"""One clear line for data that training cannot use, and statistics of a checkpoint that goes on with other data."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tiny_policies import training
 
 from dataset_converters.writer import DatasetLayout, Episode, write_dataset
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.base_modeling import EpisodePolicy
 
 MEAN_STD = {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
 
@@ -49,12 +51,23 @@ def test_resuming_on_data_whose_statistics_have_changed(continuous: Path, tmp_pa
     frames = torch.utils.data.default_collate([made.dataset[i] for i in (0, 9)])
 
     resumed, _ = make_pre_post_processors(cfg, pretrained_path=str(tmp_path))
-    with pytest.raises(UserError, match=r"scales `observation\.state` by other statistics .* fine-tune"):
-        policy.forward(resumed(frames))
+    assert_scales_as_its_batch(policy, resumed(frames))
     policy = make_policy(cfg, ds_meta=made.dataset.meta)
     tuned, _ = make_pre_post_processors(
         cfg,
         pretrained_path=str(tmp_path),
         preprocessor_overrides={"normalizer_processor": {"stats": made.dataset.meta.stats}},
     )
-    policy.forward(tuned(frames))
+    assert_scales_as_its_batch(policy, tuned(frames))
+    policy = make_policy(cfg, ds_meta=made.dataset.meta)
+    batch = tuned(frames)
+    batch["observation.state"] = batch["observation.state"] + 3
+    with pytest.raises(UserError, match=r"scales `observation\.state` by other statistics"):
+        policy.forward(batch)
+
+
+def assert_scales_as_its_batch(policy: EpisodePolicy, batch: dict[str, Any]) -> None:
+    stored, packing = policy.gather(batch)
+    first = packing.lengths.cumsum(0) - packing.lengths
+    rows = first + batch["index"] - policy.episode_store.starts[policy.episode_store.holding(batch["index"])]
+    torch.testing.assert_close(stored["observation.state"][rows], batch["observation.state"], atol=1e-5, rtol=1e-5)

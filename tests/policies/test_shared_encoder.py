@@ -13,7 +13,7 @@ def count(module: nn.Module) -> int:
 
 
 def test_one_encoder_less(pictures: Path) -> None:
-    apart = training("lisa", pictures).policy
+    apart = training("lisa", pictures, shared_observation_encoder=False).policy
     shared = training("lisa", pictures, shared_observation_encoder=True).policy
 
     assert shared.network.predictor_observations is None

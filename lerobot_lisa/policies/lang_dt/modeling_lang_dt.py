@@ -29,12 +29,12 @@ class LangDTPolicy(EpisodePolicy):
     network: LangDT
 
     def make_network(self, action_bounds: Tensor) -> LangDT:
-        """One causal transformer that looks back over as many steps as the longest training episode has."""
+        """One causal transformer that looks back as far as configured, or over the longest training episode."""
         config, steps = self.config, self.config.max_timesteps or 1
+        window = 2 * (config.lookback_steps or steps)  # two tokens a step: observation and action
         policy = ActionPredictor(
             TimestepEmbedding(steps, config.dim_model),
-            # Two tokens a step: observation and action.
-            CausalTransformer(config.dim_model, config.n_layers, config.n_heads, config.dropout, window=2 * steps),
+            CausalTransformer(config.dim_model, config.n_layers, config.n_heads, config.dropout, window=window),
             make_action_head(config, action_bounds),
         )
         language = make_language_encoder(config)

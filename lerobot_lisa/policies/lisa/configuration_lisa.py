@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from lerobot.configs import PreTrainedConfig
+from lerobot.configs import FeatureType, PreTrainedConfig
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
@@ -21,8 +21,10 @@ class LisaConfig(EpisodePolicyConfig):
         n_predictor_layers: Transformer blocks of the skill predictor f.
         n_policy_layers: Transformer blocks of the policy pi.
         horizon: H, steps that one skill code lasts.
+        predictor_stride: The skill predictor looks at steps 0, this, twice this, ..., of which `horizon` is a multiple,
+            in training and in rollouts; 1 is the paper's. None: `horizon` if there are pictures, else 1.
         shared_observation_encoder: Skill predictor and policy see with the same encoder, at half the cost. The paper
-            does not say; with an encoder each, LISA has more parameters than Lang-DT.
+            does not say; with an encoder each, LISA has more parameters than Lang-DT. None: if there are pictures.
         copy_words: The skill predictor copies phrases of the instruction, and codes lie among words: they can be read,
             asked with and set by name. The paper's skill predictor (section 3.2) makes up numbers of its own: false.
         quantizer: "vq" (the paper's); "residual_vq"; "fsq" (finite scalars, whose levels are `fsq_levels`); or
@@ -50,7 +52,8 @@ class LisaConfig(EpisodePolicyConfig):
     n_predictor_layers: int = 1
     n_policy_layers: int = 1
     horizon: int = 10
-    shared_observation_encoder: bool = False
+    predictor_stride: int | None = None
+    shared_observation_encoder: bool | None = None
     copy_words: bool = True
     quantizer: str = "vq"
     n_code_parts: int = 1
@@ -73,6 +76,7 @@ class LisaConfig(EpisodePolicyConfig):
         "n_predictor_layers": (1, 128),
         "n_policy_layers": (1, 128),
         "horizon": (1, 10**6),
+        "predictor_stride": (1, 10**6),
         "n_code_parts": (1, 8),
         "codebook_size": (1, 10**6),
         "n_own_parts": (0, 8),
@@ -85,6 +89,8 @@ class LisaConfig(EpisodePolicyConfig):
         "optimizer_lr_skill_predictor": (0, 100),
     }
 
+    LOOKBACK_STEPS: ClassVar[int] = 200  # of which the skill predictor looks at every `horizon`-th
+
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded or allocated."""
         super().__post_init__()
@@ -93,11 +99,35 @@ class LisaConfig(EpisodePolicyConfig):
             raise UserError("--policy.n_own_parts are beside copied phrases in a codebook: they need vq and copy_words")
         if not 1 <= len(self.fsq_levels) <= 16 or not all(3 <= level <= 1000 for level in self.fsq_levels):
             raise UserError(f"--policy.fsq_levels={self.fsq_levels!r:.60} must be 1 to 16 numbers from 3 to 1000")
+        if self.predictor_stride and self.horizon % self.predictor_stride:
+            raise UserError(
+                f"--policy.horizon={self.horizon} must be a multiple of --policy.predictor_stride="
+                f"{self.predictor_stride}: the skill predictor is asked at steps that it looks at"
+            )
         if (codes := self.n_codes) > MOST_CODES:
             raise UserError(
                 f"the policy would have {codes:.1e} skill codes, {MOST_CODES:,} is the most: choose a smaller "
                 "--policy.codebook_size, or fewer --policy.n_code_parts or --policy.fsq_levels"
             )
+
+    def fill_in(self) -> None:
+        """Choose what the user has left open and what depends on the features."""
+        super().fill_in()
+        shows_pictures = any(feature.type is FeatureType.VISUAL for feature in (self.input_features or {}).values())
+        if self.shared_observation_encoder is None:
+            self.shared_observation_encoder = shows_pictures
+        if self.predictor_stride is None:
+            self.predictor_stride = self.horizon if shows_pictures else 1
+
+    @property
+    def learned_steps(self) -> int:
+        """Steps of the parts of episodes that are learned from, whole chunks; 0: whole episodes."""
+        return -(-(self.excerpt_steps or 0) // self.horizon) * self.horizon
+
+    @property
+    def look_stride(self) -> int:
+        """Which of the steps before an excerpt are looked at: those that the skill predictor looks at."""
+        return self.predictor_stride or 1
 
     @property
     def n_codes(self) -> int:

@@ -173,12 +173,14 @@ def make_source(config: LisaConfig, language: LanguageEncoder) -> PhraseCopier |
 
 
 def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
-    """f: looks back over as many steps as the longest training episode has."""
+    """f: looks back as far as configured, or over as many steps as the longest training episode has."""
     steps = config.max_timesteps or 1
+    window = config.lookback_steps or steps
     return SkillPredictor(
         TimestepEmbedding(steps, config.dim_model),
-        CausalTransformer(config.dim_model, config.n_predictor_layers, config.n_heads, config.dropout, window=steps),
+        CausalTransformer(config.dim_model, config.n_predictor_layers, config.n_heads, config.dropout, window=window),
         config.dim_model,
+        config.look_stride,
     )
 
 
