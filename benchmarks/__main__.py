@@ -38,6 +38,7 @@ PARTS = {
     "bot": "demonstrations",
     "write": "writing datasets",
     "videos": "decoding a recording's videos (records one first)",
+    "cameras": "a training step on two cameras, long episodes, against ACT's, and acting at 30 Hz",
     "open": "opening a large dataset (writes 2 GB to a temporary folder, takes some minutes)",
 }
 """Parts of the table, in its order; `benchmarks.<part>` has a function `rows(options)`."""
