@@ -1,5 +1,6 @@
 """The real `lerobot-rollout` with a robot that needs no hardware, and what a policy says to a robot's faults."""
 
+import logging
 import signal
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from lerobot_lisa.errors import UserError
 BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
 CAMERA = {"dtype": "image", "shape": (48, 64, 3), "names": ["height", "width", "channels"]}
 ARM = {"dtype": "float32", "shape": (6,), "names": JOINTS}
+SMALL_PICTURES = {"image_size": 32, "excerpt_steps": 6, "lookback_steps": 6}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def signals() -> Iterator[None]:
 
 
 def trained(kind: str, recording: Path) -> Training:
-    return training(kind, recording).warm_up()
+    return training(kind, recording, **SMALL_PICTURES).warm_up()
 
 
 def lerobot_rollout(made: Training, folder: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
@@ -64,6 +66,22 @@ def test_lerobot_rollout(
     assert np.isfinite([list(action.values()) for action in ScriptedRobot.sent]).all()
 
 
+def test_no_task_is_said_once(
+    recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    signals: None,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """`--task` defaults to nothing at all."""
+    with caplog.at_level(logging.WARNING):
+        lerobot_rollout(trained("lisa", recording), tmp_path, monkeypatch, "--duration=1")
+
+    assert [record.message for record in caplog.records].count(
+        "the instruction is blank: say what is to be done, such as with --task"
+    ) == 1
+
+
 def test_a_broken_sensor_moves_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: None
 ) -> None:
@@ -87,3 +105,19 @@ def test_a_camera_that_is_missing_in_the_middle_is_one_line(kind: str, recording
     del shown["observation.images.wrist"]
     with pytest.raises(UserError, match=r"trained on observation\.images\.wrist, but the environment shows"):
         made.policy.select_action(made.preprocessor({**shown, "task": ["go"]}))
+
+
+@BOTH
+def test_another_number_of_robots_without_a_reset_starts_anew(kind: str, recording: Path) -> None:
+    """A missed reset: the history would be of other robots."""
+    made = trained(kind, recording)
+
+    def act(robots: int) -> torch.Tensor:
+        shown = {
+            "observation.state": torch.zeros(robots, 6),
+            **{f"observation.images.{camera}": torch.zeros(robots, 3, 48, 64) for camera in CAMERAS},
+        }
+        return made.policy.select_action(made.preprocessor({**shown, "task": ["go"] * robots}))
+
+    act(2)
+    assert act(3).shape == (3, 6)
