@@ -114,10 +114,10 @@ def _policy(kind: str, length: int) -> EpisodePolicy:
         language_encoder="words",
         vocabulary=["put", "the", "cube", "into", "bowl"],
         action_classes=0,
-        max_timesteps=length or 1000,
         device="cpu",
         push_to_hub=False,
     )
+    config.set_dataset_statistics(None, length or 1000)
     numbers = {"min": -3, "max": 3, "mean": 0, "std": 1}
     stats = {key: {name: torch.full((JOINTS,), float(n)) for name, n in numbers.items()} for key in (OBS_STATE, ACTION)}
     policy: EpisodePolicy = POLICIES[kind](config, stats)
@@ -140,7 +140,7 @@ def _words(rows: int) -> dict[str, Tensor]:
 
 def _train_ours(kind: str, length: int, repeats: int) -> dict[str, float]:
     policy = _policy(kind, length).train()
-    policy._store = _store(length, policy.config.image_size)
+    policy.frames.store = _store(length, policy.config.image_size)
     middles = torch.arange(BATCH_SIZE) * length + length // 2
     return _train(policy, {**_words(BATCH_SIZE), "index": middles}, repeats)
 
@@ -170,7 +170,7 @@ def _train(policy: PreTrainedPolicy, batch: dict[str, Any], repeats: int) -> dic
 def _act(kind: str) -> dict[str, float]:
     policy = _policy(kind, 0).eval()
     if kind == "lisa":
-        policy._store = _store(100, policy.config.image_size)
+        policy.frames.store = _store(100, policy.config.image_size)
         policy.train().forward({**_words(BATCH_SIZE), "index": torch.arange(BATCH_SIZE) * 100})  # places the codes
     picture, times = torch.rand(1, 3, HEIGHT, WIDTH), []
     for _ in range(STEPS):

@@ -111,7 +111,7 @@ def main() -> None:
     readings.append(Seconds.now())
     found: dict = {name: now.since(then) for name, (then, now) in zip(PARTS, pairwise(readings), strict=True)}
     found["memory"] = memory.highest()
-    policy._store = None
+    policy.frames.store = None
     memory = _Memory()
     load_episodes(dataset.meta, list(FEATURES), "disk")
     found["memory when mapped"] = memory.highest()

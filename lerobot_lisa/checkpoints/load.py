@@ -60,6 +60,7 @@ def load_checkpoint(
     files, config = find(str(config.pretrained_path), config.pretrained_revision), deepcopy(config)
     if env is not None:
         _check_actions(config, env)
+    config.pretrained_path = None  # nobody trains it on: it learns no new words of the dataset
     preprocess, postprocess = load_pipelines(files, config)
     weights = files.path(WEIGHTS)
     made = get_policy_class(config.type)

@@ -172,6 +172,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 "choose e.g. 128 and 4"
             )
         self._check_size()
+        if self.max_timesteps is not None:  # a checkpoint's; what it does not name did not exist when it was made
+            self._fill_in_as_it_was()
 
     def _check_choice(self, name: str, choices: tuple[str, ...]) -> None:
         if getattr(self, name) not in choices:
@@ -314,6 +316,10 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         if self.action_classes:
             scaled["ACTION"] = NormalizationMode.IDENTITY
         self.normalization_mapping = {**scaled, **self.normalization_mapping}
+
+    def _fill_in_as_it_was(self) -> None:
+        """Choose what was done before there was a choice."""
+        self.excerpt_steps, self.lookback_steps = self.excerpt_steps or 0, self.lookback_steps or 0
 
     @property
     def learned_steps(self) -> int:

@@ -65,13 +65,13 @@ def make_normalizer(config: EpisodePolicyConfig, dataset_stats: Stats | None) ->
     return make_default_policy_processor_steps(config, dataset_stats).normalize
 
 
-def saved_statistics(config: EpisodePolicyConfig) -> Stats | None:
-    """What the preprocessor that is kept with the policy's checkpoint scales by; LeRobot has just loaded it."""
+def saved_step[Step](config: EpisodePolicyConfig, kind: type[Step]) -> Step:
+    """A step of the preprocessor that is kept with the policy's checkpoint; LeRobot has just loaded it, or will."""
     name = f"{POLICY_PREPROCESSOR_DEFAULT_NAME}.json"
     saved = PolicyProcessorPipeline.from_pretrained(
         str(config.pretrained_path), config_filename=name, revision=config.pretrained_revision
     )
-    return next((step.stats for step in saved.steps if isinstance(step, NormalizerProcessorStep)), None)
+    return next(step for step in saved.steps if isinstance(step, kind))
 
 
 def build_vocabulary(instructions: Iterable[str], limit: int = 10_000) -> list[str]:

@@ -1,7 +1,7 @@
 """Words that a policy knows things by: phrases of the training instructions, and what symbols are called."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -56,15 +56,12 @@ def _names(symbols: Symbols, channel: Mapping[str, Any]) -> bool:
     return channel["name"] in symbols.get("naming", [channel["name"]])
 
 
-def build_lexicon(
-    instructions: Iterable[Sequence[str]], names: Iterable[str], token_ids: Callable[[str], list[int]]
-) -> dict[str, list[int]]:
-    """Names of things that were spoken of, then the most frequent phrases of one or two words, and their token ids.
+def said_phrases(instructions: Iterable[Sequence[str]], names: Iterable[str]) -> list[str]:
+    """Names of things that were spoken of, then the most frequent phrases of one or two words.
 
     Args:
         instructions: Each as its words.
         names: What symbols are called.
-        token_ids: Text to token ids.
     """
     listed = [list(words) for words in instructions]
     said = {word for words in listed for word in words}
@@ -73,4 +70,4 @@ def build_lexicon(
         phrase for words in listed for phrase in (words[0:1] + [" ".join(pair) for pair in pairwise(words)])
     )
     phrases = [phrase for phrase, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:PHRASES]]
-    return {text: token_ids(text) for text in [*things, *(phrase for phrase in phrases if phrase not in things)]}
+    return [*things, *(phrase for phrase in phrases if phrase not in things)]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tiny_networks import WIDTH, Batch, batch, codebook, lang_dt, lisa, run
 from torch import Tensor
 
-from lerobot_lisa.networks.codebooks import CodebookSettings, ResidualCodebook
 from lerobot_lisa.networks.actions import CategoricalHead
+from lerobot_lisa.networks.codebooks import CodebookSettings, ResidualCodebook
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.excerpts import cut
 from lerobot_lisa.networks.lang_dt import LangDT

@@ -1,12 +1,13 @@
 """Parts of episodes through LeRobot's pipelines: as in rollouts, unbiased, and small however long episodes are."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tiny_datasets
 import torch
-from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
+from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
 from lerobot.utils.constants import ACTION
 from tiny_policies import Training, config, training
 
@@ -41,7 +42,7 @@ def test_a_part_of_an_episode_is_predicted_as_in_a_rollout(kind: str, settings: 
     made.policy.eval()
     batch = made.batch([first + 13])  # of the part from step 12 to 17
     frames, packing = made.policy.gather(batch)
-    tokens, valid = made.policy._words(batch)
+    tokens, valid = made.policy.instructions.read(batch)
     observations = {key: frames[key] for key in made.policy.config.input_features}
     outputs, _, _ = made.policy.predict(tokens, valid, observations, frames[ACTION], packing)
 
@@ -115,3 +116,20 @@ def test_switches_are_symbols() -> None:
     cfg.set_dataset_feature_metadata({"observation.touch": {"dtype": "bool", "shape": (2,), "names": None}})
 
     assert cfg.input_features["observation.touch"].type is FeatureType.ENV
+
+
+@BOTH
+def test_a_checkpoint_from_before_there_was_a_choice_acts_as_it_did(kind: str, pictures: Path, tmp_path: Path) -> None:
+    """It names none of the settings, and was trained on whole episodes, looking at every step."""
+    names = ("excerpt_steps", "lookback_steps", "predictor_stride", "shared_observation_encoder")
+    before = {name: 0 for name in names if hasattr(config(kind), name)}
+    if kind == "lisa":
+        before |= {"predictor_stride": 1, "shared_observation_encoder": False}
+    training(kind, pictures, **before).policy.save_pretrained(tmp_path)
+    settings = json.loads((tmp_path / "config.json").read_text())
+    (tmp_path / "config.json").write_text(json.dumps({k: v for k, v in settings.items() if k not in names}))
+
+    loaded = PreTrainedConfig.from_pretrained(tmp_path)
+    loaded.fill_in()
+
+    assert {name: getattr(loaded, name) for name in before} == before

@@ -1,6 +1,7 @@
 """A policy goes on with another dataset: new words, longer episodes, other actions, cameras under other names."""
 
 import logging
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from lerobot.processor import RenameObservationsProcessorStep
 from tiny_policies import Training, training
 
 from dataset_converters.writer import DatasetLayout, Episode, write_dataset
+from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
 from lerobot_lisa.errors import UserError
 
 BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
@@ -82,7 +84,7 @@ def test_new_words_are_heard_after_saving_and_loading(kind: str, continuous: Pat
     preprocess, _ = make_pre_post_processors(cfg, pretrained_path=str(again))
 
     words = [
-        loaded._words(preprocess({"observation.state": torch.zeros(1, 3), "task": task}))[0].tolist()
+        loaded.instructions.read(preprocess({"observation.state": torch.zeros(1, 3), "task": task}))[0].tolist()
         for task in ("push the cube", "push the sphere")
     ]
 
@@ -120,7 +122,7 @@ def test_two_cameras_of_one_shape_are_told_apart_by_what_they_show(tmp_path: Pat
     made.policy.config.input_features = {names[key]: value for key, value in made.policy.config.input_features.items()}
 
     shown = RenameObservationsProcessorStep(names).observation(batch)
-    store = made.policy._episodes(shown)
+    store = made.policy.frames.episodes(shown, torch.device("cpu"))
 
     for key in names:
         stored = store.columns[names[key]][made.first_frames()].float() / 255
@@ -143,3 +145,29 @@ def test_instructions_with_words_that_nobody_taught(
         "instruction 'go to the purple ball': no training instruction has purple",
         "the instruction is blank: say what is to be done, such as with --task",
     ]
+
+
+def test_a_fine_tuned_checkpoint_is_read_by_the_analyses(continuous: Path, tmp_path: Path) -> None:
+    checkpoint = save(training("lisa", continuous).warm_up(), tmp_path / "before")
+    tuned = FineTuning(checkpoint, other_dataset(tmp_path / "data")).warm_up()
+    again = save(tuned, tmp_path / "after")
+
+    policy = load_checkpoint(load_config(str(again)), dataset=training("lisa", continuous).dataset.meta).policy
+
+    assert policy.config.vocabulary == tuned.policy.config.vocabulary
+    assert policy.config.lexicon == tuned.policy.config.lexicon
+
+
+def test_new_phrases_for_a_pretrained_encoder_whose_folder_is_gone(
+    encoder: Path, continuous: Path, tmp_path: Path
+) -> None:
+    """The checkpoint brings weights and tokenizer; phrases that codes may be called are looked up with the latter."""
+    made = training("lisa", continuous, language_encoder=str(encoder), freeze_language_encoder=True).warm_up()
+    checkpoint = save(made, tmp_path / "before")
+    shutil.rmtree(encoder)
+
+    tuned = FineTuning(checkpoint, other_dataset(tmp_path / "data", "go to the open door")).warm_up()
+
+    new = set(tuned.policy.config.lexicon) - set(made.policy.config.lexicon)
+    assert "open door" in new
+    assert all(tuned.policy.config.lexicon[phrase] for phrase in new)

@@ -30,13 +30,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def signals() -> Iterator[None]:
-    """LeRobot's programs install handlers of their own."""
-    names = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-    handlers = {name: signal.getsignal(name) for name in names}
+def handlers() -> Iterator[None]:
+    """LeRobot's programs install handlers of their own, for signals and for the log."""
+    names, root = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), logging.getLogger()
+    before, log, level = {name: signal.getsignal(name) for name in names}, root.handlers[:], root.level
     yield
-    for name, handler in handlers.items():
+    for name, handler in before.items():
         signal.signal(name, handler)
+    root.handlers[:] = log
+    root.setLevel(level)
 
 
 def trained(kind: str, recording: Path) -> Training:
@@ -55,7 +57,7 @@ def lerobot_rollout(made: Training, folder: Path, monkeypatch: pytest.MonkeyPatc
 
 @BOTH
 def test_lerobot_rollout(
-    kind: str, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: None
+    kind: str, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, handlers: None
 ) -> None:
     made = trained(kind, recording)
 
@@ -70,20 +72,17 @@ def test_no_task_is_said_once(
     recording: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    signals: None,
-    caplog: pytest.LogCaptureFixture,
+    handlers: None,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """`--task` defaults to nothing at all."""
-    with caplog.at_level(logging.WARNING):
-        lerobot_rollout(trained("lisa", recording), tmp_path, monkeypatch, "--duration=1")
+    lerobot_rollout(trained("lisa", recording), tmp_path, monkeypatch, "--duration=1")
 
-    assert [record.message for record in caplog.records].count(
-        "the instruction is blank: say what is to be done, such as with --task"
-    ) == 1
+    assert capsys.readouterr().err.count("the instruction is blank: say what is to be done, such as with --task") == 1
 
 
 def test_a_broken_sensor_moves_nothing(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: None
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, handlers: None
 ) -> None:
     made = trained("lisa", recording)
 

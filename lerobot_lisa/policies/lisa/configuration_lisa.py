@@ -119,6 +119,12 @@ class LisaConfig(EpisodePolicyConfig):
         if self.predictor_stride is None:
             self.predictor_stride = self.horizon if shows_pictures else 1
 
+    def _fill_in_as_it_was(self) -> None:
+        """Choose what was done before there was a choice."""
+        super()._fill_in_as_it_was()
+        self.predictor_stride = self.predictor_stride or 1
+        self.shared_observation_encoder = bool(self.shared_observation_encoder)
+
     @property
     def learned_steps(self) -> int:
         """Steps of the parts of episodes that are learned from, whole chunks; 0: whole episodes."""

@@ -1,0 +1,63 @@
+"""What a policy learns of a dataset before it is trained: how long episodes are, which words and phrases are said."""
+
+import logging
+from typing import TYPE_CHECKING
+
+from lerobot.utils.constants import ACTION
+
+from lerobot_lisa.episodes.check import check_metadata
+from lerobot_lisa.episodes.runs import task_runs
+from lerobot_lisa.episodes.symmetries import symmetry_words
+from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_processor import (
+    InstructionStep,
+    build_vocabulary,
+    make_tokenizer,
+    plain_ids,
+    saved_step,
+    split_words,
+)
+from lerobot_lisa.policies.lexicon import said_phrases, symbol_words
+from lerobot_lisa.policies.parts import named_symbols
+
+if TYPE_CHECKING:
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+
+
+def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
+    """Note in a configuration what LeRobot's hook for features has not been told.
+
+    A checkpoint that goes on with a dataset, the same or another, keeps what it knows and learns the rest.
+
+    Raises:
+        UserError: The dataset is broken, or does not fit what the configuration says.
+    """
+    named = (*(config.input_features or {}), ACTION)  # `--rename_map` gives some other names than the dataset's
+    check_metadata(meta, [key for key in named if key in meta.features])
+    longest, goes_on = int(task_runs(meta).lengths.max()), bool(config.pretrained_path)
+    config.set_dataset_statistics(meta.stats, longest)
+    if goes_on and config.max_timesteps is not None:
+        config.max_timesteps = max(config.max_timesteps, longest)
+    tasks = [str(task) for task in meta.tasks.index]
+    if config.language_encoder == WORDS and (goes_on or not config.vocabulary):
+        _learn_words(config, tasks)
+    if goes_on or not config.lexicon:
+        _learn_phrases(config, tasks, symmetry_words(meta.features))
+
+
+def _learn_words(config: EpisodePolicyConfig, tasks: list[str]) -> None:
+    """Known words keep their numbers."""
+    new = sorted(set(build_vocabulary(tasks)) - set(config.vocabulary))
+    config.vocabulary = [*config.vocabulary, *new]
+    logging.info("%s: vocabulary of %d words, %d of them new", config.type, len(config.vocabulary), len(new))
+
+
+def _learn_phrases(config: EpisodePolicyConfig, tasks: list[str], symmetric: list[str]) -> None:
+    """A pretrained encoder's tokenizer comes from the checkpoint, if there is one: its folder may be gone."""
+    symbols = [spoken for spoken in named_symbols(config).values() if spoken]
+    names = [word for spoken in symbols for word in symbol_words(spoken)] + symmetric
+    new = [text for text in said_phrases(map(split_words, tasks), names) if text not in config.lexicon]
+    if new:
+        kept = config.pretrained_path and config.language_encoder != WORDS
+        tokenizer = saved_step(config, InstructionStep).tokenizer if kept else make_tokenizer(config)
+        config.lexicon = {**config.lexicon, **{text: plain_ids(tokenizer, text) for text in new}}
