@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.actions import ActionHead
 from lerobot_lisa.networks.observations import ObservationEncoder
+from lerobot_lisa.networks.transformer import EVERYTHING
 
 
 @dataclass
@@ -39,9 +40,9 @@ class EpisodeNetwork(nn.Module, ABC):
         """What turns predictions into losses and actions."""
 
     @property
-    @abstractmethod
     def reach(self) -> int:
-        """How many steps before a prediction, or before the chunk that it belongs to, can matter to it."""
+        """How many steps before a prediction, or before the chunk that it belongs to, can matter to it: here, all."""
+        return EVERYTHING
 
     @abstractmethod
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> Any:

@@ -151,8 +151,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         "lookback_steps": (0, 10**7),
     }
 
-    EXCERPT_STEPS: ClassVar[int] = 80
-    LOOKBACK_STEPS: ClassVar[int] = 40
+    EXCERPT_STEPS: ClassVar[int] = 0  # what those that can learn from parts of episodes learn from, with pictures
+    LOOKBACK_STEPS: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded or allocated."""
@@ -172,6 +172,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 "choose e.g. 128 and 4"
             )
         self._check_size()
+        if self.excerpt_steps and not self.EXCERPT_STEPS:
+            raise UserError(f"--policy.excerpt_steps={self.excerpt_steps}: {self.type} learns from whole episodes only")
         if self.max_timesteps is not None:  # a checkpoint's; what it does not name did not exist when it was made
             self._fill_in_as_it_was()
 

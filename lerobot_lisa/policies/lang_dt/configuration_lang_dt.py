@@ -26,3 +26,6 @@ class LangDTConfig(EpisodePolicyConfig):
         "n_layers": (1, 128),
         "padding_waste": (0, 1),
     }
+
+    EXCERPT_STEPS: ClassVar[int] = 80
+    LOOKBACK_STEPS: ClassVar[int] = 40  # of each of its blocks

@@ -89,6 +89,7 @@ class LisaConfig(EpisodePolicyConfig):
         "optimizer_lr_skill_predictor": (0, 100),
     }
 
+    EXCERPT_STEPS: ClassVar[int] = 80
     LOOKBACK_STEPS: ClassVar[int] = 200  # of which the skill predictor looks at every `horizon`-th
 
     def __post_init__(self) -> None:
