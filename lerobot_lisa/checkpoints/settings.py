@@ -11,6 +11,7 @@ from lerobot.configs import PreTrainedConfig, parser
 from lerobot_lisa.checkpoints.files import CONFIG, RETAKE, Files, find, refusing
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.vision import PICTURES, of_torchvision
 
 _LARGEST = 2**20  # of a language encoder's sizes; the greatest vocabularies have a quarter of that
 _DEEPEST = 200  # layers
@@ -40,7 +41,9 @@ def load_config(name: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig
     with refusing(f"{path} cannot be used", fix), _naming(path, overrides):
         config = PreTrainedConfig.from_pretrained(path.parent, cli_overrides=list(overrides))
         config.validate_features()
-    config.language_model = _language_model(files, config)
+    config.language_model = _noted(files, "language_model", config.language_model, config.language_encoder != WORDS)
+    noted = config.vision_backbone is not None and not of_torchvision(config.vision_backbone)
+    config.vision_model = _noted(files, "vision_model", config.vision_model, noted, PICTURES)
     config.pretrained_backbone_weights = None  # would be fetched; the checkpoint has them
     config.pretrained_path, config.pretrained_revision = Path(name), files.revision
     return config
@@ -73,22 +76,32 @@ def _check_kind(files: Files, settings: Mapping[str, Any]) -> None:
         raise UserError(f"{files.path(CONFIG)} is an adapter's (use_peft): merge it into the weights and save those")
 
 
-def _language_model(files: Files, config: EpisodePolicyConfig) -> dict[str, Any] | None:
-    """The architecture of a pretrained language encoder, without what would choose code or download something."""
-    if config.language_encoder == WORDS:
-        return None
-    path, noted = files.path(CONFIG), config.language_model
+def _noted(
+    files: Files, field: str, noted: dict[str, Any] | None, needed: bool, others: Sequence[str] = ()
+) -> dict[str, Any] | None:
+    """The architecture of a pretrained encoder, without what would choose code or download something.
+
+    Args:
+        files: Of the checkpoint.
+        field: Of its configuration, that holds the note.
+        noted: The note.
+        needed: Whether the policy has such an encoder.
+        others: What the note holds besides.
+    """
+    path = files.path(CONFIG)
     if not noted:
-        raise UserError(f"{path} does not describe its language encoder (language_model): {RETAKE}")
+        if needed:
+            raise UserError(f"{path} does not describe its pretrained encoder ({field}): {RETAKE}")
+        return None
     for key, value in noted.items():
         numbers = [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, int)]
         most = _DEEPEST if "layer" in key else _LARGEST
         if isinstance(value, dict) or any(not -most <= v <= most for v in numbers):
-            raise UserError(f"{path}: language_model.{key} is {value!r:.100}, at most {most:,} can be built: {RETAKE}")
+            raise UserError(f"{path}: {field}.{key} is {value!r:.100}, at most {most:,} can be built: {RETAKE}")
     from transformers import AutoConfig  # slow to import, and word-level policies do without
 
-    with refusing(f"{path}: no language encoder can be built from language_model"):
+    with refusing(f"{path}: no encoder can be built from {field}"):
         if "timm" in str(noted["model_type"]):
             raise ValueError("timm models fetch their weights")
         known = AutoConfig.for_model(noted["model_type"]).to_dict()  # not in it: attn_implementation, auto_map, ...
-    return {key: value for key, value in noted.items() if key in known}
+    return {key: value for key, value in noted.items() if key in known or key in others}

@@ -12,6 +12,7 @@ import torch
 
 from lerobot_lisa.episodes.check import FrameLedger, bounds, check_metadata
 from lerobot_lisa.episodes.disk import Allocate, clear_abandoned, mapped_columns
+from lerobot_lisa.episodes.features_on_disk import FeaturesOnDisk, Looker
 from lerobot_lisa.episodes.pictures_on_disk import PicturesOnDisk
 from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.episodes.store import EpisodeStore
@@ -25,7 +26,11 @@ _SHARE_OF_MEMORY = 0.5  # of what is free; the rest is for training
 
 
 def load_episodes(
-    meta: "LeRobotDatasetMetadata", keys: Sequence[str], location: str = "memory", image_size: int | None = None
+    meta: "LeRobotDatasetMetadata",
+    keys: Sequence[str],
+    location: str = "memory",
+    image_size: int | None = None,
+    looker: Looker | None = None,
 ) -> EpisodeStore:
     """Read features of every frame of a dataset that is on disk under `meta.root`.
 
@@ -39,6 +44,7 @@ def load_episodes(
         location: Where numbers are: "memory", or "disk" for files that are mapped into memory and shared between
             processes. What does not fit into memory goes to disk by itself.
         image_size: Pixels of the longer side of pictures; None keeps them as they are.
+        looker: Makes features of pictures, which take their place; None: the store holds pictures.
 
     Returns:
         The store; an episode of it is a run of frames with one task.
@@ -56,11 +62,10 @@ def load_episodes(
     else:
         columns = _read(meta, numbers, lambda _, shape, dtype: np.empty(shape, dtype), ledger)
     pictures = PicturesOnDisk(meta, shown, image_size)
-    tensors = {key: torch.from_numpy(column) for key, column in {**columns, **pictures.columns}.items()}
+    seen = pictures if looker is None else FeaturesOnDisk(meta, pictures, looker)
+    tensors = {key: torch.from_numpy(column) for key, column in {**columns, **seen.columns}.items()}
     runs = task_runs(meta)
-    return EpisodeStore(
-        tensors, runs.starts, runs.lengths, ledger.present[runs.episodes], runs.episodes, pictures.fetch
-    )
+    return EpisodeStore(tensors, runs.starts, runs.lengths, ledger.present[runs.episodes], runs.episodes, seen.fetch)
 
 
 def _of_episodes(meta: "LeRobotDatasetMetadata", column: str) -> Array:

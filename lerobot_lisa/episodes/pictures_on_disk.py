@@ -4,22 +4,20 @@
 nobody asks for, and training begins at once. What has been decoded is kept for later runs, whatever ends this one.
 """
 
-import logging
 import os
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
-from threading import Event, Lock
+from threading import Event
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from lerobot_lisa.episodes.check import episode_spans
 from lerobot_lisa.episodes.disk import kept_folder, sparse_array, take_room
 from lerobot_lisa.episodes.pictures import resize, resized_shape
+from lerobot_lisa.episodes.progress import FrameProgress
 from lerobot_lisa.episodes.sources import picture_source, stored_shape
 from lerobot_lisa.episodes.tables import Array
 from lerobot_lisa.errors import UserError
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
 _FRAMES_AT_ONCE = 512  # of neighbouring episodes: a long video takes some time to open
-_SECONDS_BETWEEN_LINES = 10.0
 
 
 class PicturesOnDisk:
@@ -85,7 +82,7 @@ def _decode(work: Sequence[_Stretch]) -> None:
 
     Processes would each import LeRobot first, for some seconds, and outlive a program that is killed.
     """
-    progress, stop = _Progress(sum(stretch.frames for stretch in work)), Event()
+    progress, stop = FrameProgress("Decoding pictures", sum(stretch.frames for stretch in work)), Event()
     with ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None) as pool:
         try:
             for done in as_completed([pool.submit(s.camera.decode, s, progress, stop) for s in work]):
@@ -94,25 +91,6 @@ def _decode(work: Sequence[_Stretch]) -> None:
             stop.set()
             pool.shutdown(cancel_futures=True)
             progress.close()
-
-
-class _Progress:
-    """A bar, and lines in the log where there is no terminal to show it."""
-
-    def __init__(self, total: int) -> None:
-        self._bar = tqdm(total=total, desc="Decoding pictures", unit="frame", disable=None, leave=False)
-        self._total, self._done, self._lock, self._said = total, 0, Lock(), time.monotonic()
-
-    def add(self, frames: int) -> None:
-        with self._lock:
-            self._bar.update(frames)
-            self._done += frames
-            if self._bar.disable and time.monotonic() > self._said + _SECONDS_BETWEEN_LINES:
-                self._said = time.monotonic()
-                logging.info("Decoding pictures: %d of %d frames", self._done, self._total)
-
-    def close(self) -> None:
-        self._bar.close()
 
 
 class _Camera:
@@ -152,7 +130,7 @@ class _Camera:
         """Take the room on the disk that decoded pictures will need."""
         take_room(self._path, self.pictures, int(self._starts[stretch.first]), int(self._stops[stretch.last]))
 
-    def decode(self, stretch: _Stretch, progress: _Progress, stop: Event) -> None:
+    def decode(self, stretch: _Stretch, progress: FrameProgress, stop: Event) -> None:
         """Decode a stretch, until `stop` is set; episodes that are complete by then remain."""
         pictures = self._source.read(stretch.first, stretch.last)
         for episode in range(stretch.first, stretch.last + 1):

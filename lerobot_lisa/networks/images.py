@@ -1,8 +1,10 @@
 """Pictures: three convolutions or a pretrained backbone, as a whole and as patches."""
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.parts import OwnKeys, Parts
 
 
@@ -34,40 +36,35 @@ class ImageEncoder(nn.Module):
         return self.output(patches.flatten(1)), patches.flatten(2).transpose(1, 2)
 
 
-class BackboneEncoder(nn.Module):
-    """Images through a torchvision resnet, such as `resnet18`: the mean of its last map and a linear layer."""
+class FeatureEncoder(nn.Module):
+    """What a backbone says of pictures, at unit scale whichever it is, and a linear layer.
 
-    mean: Tensor
-    std: Tensor
-    patches = 49
+    Args:
+        shape: Of a picture's features, see `Backbone.shape`.
+        width: D.
+    """
 
-    def __init__(self, name: str, weights: str | None, channels: int, width: int) -> None:
+    def __init__(self, shape: tuple[int, ...], width: int) -> None:
         super().__init__()
-        import torchvision  # slow to import, and only image policies with a backbone need it
+        self.patches, self.features = shape[0] - 1, shape[1]
+        self.output = nn.Linear(self.features, width)
 
-        if channels != 3:
-            raise ValueError(f"image backbone {name} needs 3 channels, the feature has {channels}")
-        model = torchvision.models.get_model(name, weights=weights)
-        if not isinstance(getattr(model, "fc", None), nn.Linear) or not hasattr(model, "layer4"):
-            raise ValueError(f"image backbone {name} has no final layer called fc: choose a resnet")
-        self.features: int = model.fc.in_features
-        model.fc = model.avgpool = nn.Identity()
-        self.model, self.output = model, nn.Linear(self.features, width)
-        self.pool = nn.AdaptiveAvgPool2d(7)
-        mean, std = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])  # ImageNet's
-        self.register_buffer("mean", mean.view(3, 1, 1), persistent=False)
-        self.register_buffer("std", std.view(3, 1, 1), persistent=False)
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 1 + P, F) -> whole (N, D) and patches (N, P, F)."""
+        features = F.layer_norm(features, features.shape[-1:])
+        return self.output(features[:, 0]), features[:, 1:]
+
+
+class BackboneEncoder(FeatureEncoder):
+    """Pictures through a backbone that learns with the rest."""
+
+    def __init__(self, backbone: Backbone, width: int) -> None:
+        super().__init__(backbone.shape, width)
+        self.backbone = backbone
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3, height, width), uint8 in 0..255 or real in 0..1 -> whole (N, D) and patches (N, 49, features)."""
-        last = self._last_map((_unit_range(images) - self.mean) / self.std)
-        return self.output(last.mean((2, 3))), self.pool(last).flatten(2).transpose(1, 2)
-
-    def _last_map(self, images: Tensor) -> Tensor:
-        """(N, features, height, width), what torchvision's resnet averages before its last layer."""
-        model = self.model
-        x = model.maxpool(model.relu(model.bn1(model.conv1(images))))
-        return model.layer4(model.layer3(model.layer2(model.layer1(x))))
+        """(N, 3, height, width), uint8 in 0..255 or real in 0..1 -> whole (N, D) and patches (N, P, F)."""
+        return super().forward(self.backbone(images))
 
 
 class PatchParts(nn.Module):

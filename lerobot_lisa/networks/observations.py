@@ -8,7 +8,8 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from lerobot_lisa.networks.images import BackboneEncoder, ImageEncoder, PatchParts
+from lerobot_lisa.networks.backbones import Backbone
+from lerobot_lisa.networks.images import BackboneEncoder, FeatureEncoder, ImageEncoder, PatchParts
 from lerobot_lisa.networks.parts import Parts, Seen
 from lerobot_lisa.networks.symbols import SymbolEncoder, SymbolNames, SymbolParts
 
@@ -18,13 +19,14 @@ class ObservationSpec:
     """What one observation feature holds.
 
     Attributes:
-        kind: "symbols" (small integers, each position an own vocabulary), "state" (real numbers) or "image".
+        kind: "symbols" (small integers, each position an own vocabulary), "state" (real numbers), "image", or
+            "features" that a frozen backbone makes of an image.
         shape: Shape of one frame's value; images are (channels, height, width).
         symbols: How many different values a symbol can take; only for "symbols".
         names: What the symbols are called; None: they have no names.
     """
 
-    kind: Literal["symbols", "state", "image"]
+    kind: Literal["symbols", "state", "image", "features"]
     shape: tuple[int, ...]
     symbols: int = 0
     names: SymbolNames | None = None
@@ -71,8 +73,7 @@ class ObservationEncoder(nn.Module):
     Args:
         specs: What the features hold.
         width: D.
-        backbone: Of images; None: three convolutions.
-        backbone_weights: By torchvision's name; None: from scratch.
+        backbone: Of images, one for all of them; None: three convolutions.
         asking: How parts can be asked; None: there are no parts.
     """
 
@@ -80,8 +81,7 @@ class ObservationEncoder(nn.Module):
         self,
         specs: Mapping[str, ObservationSpec],
         width: int,
-        backbone: str | None = None,
-        backbone_weights: str | None = None,
+        backbone: Backbone | None = None,
         asking: AskingSpec | None = None,
     ) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class ObservationEncoder(nn.Module):
             positions = sum(prod(specs[key].shape) for key in self.symbolic)
             self.encoders["symbols"] = SymbolEncoder(positions, max(specs[key].symbols for key in self.symbolic), width)
         for key, name in self.others.items():
-            self.encoders[name] = _encoder(specs[key], width, backbone, backbone_weights)
+            self.encoders[name] = _encoder(specs[key], width, backbone)
         self.places = dict.fromkeys(specs, 0)
         named = any(spec.names for spec in specs.values())
         for key, spec in specs.items():
@@ -140,12 +140,12 @@ class ObservationEncoder(nn.Module):
         return Parts.join(numbered) if numbered else None
 
 
-def _encoder(spec: ObservationSpec, width: int, backbone: str | None, weights: str | None) -> nn.Module:
+def _encoder(spec: ObservationSpec, width: int, backbone: Backbone | None) -> nn.Module:
     if spec.kind == "state":
         return StateEncoder(prod(spec.shape), width)
-    if backbone is None:
-        return ImageEncoder(spec.shape[0], width)
-    return BackboneEncoder(backbone, weights, spec.shape[0], width)
+    if spec.kind == "features":
+        return FeatureEncoder(spec.shape, width)
+    return ImageEncoder(spec.shape[0], width) if backbone is None else BackboneEncoder(backbone, width)
 
 
 def _parts(spec: ObservationSpec, encoder: nn.Module | None, width: int, asking: AskingSpec) -> nn.Module:
@@ -158,6 +158,6 @@ def _parts(spec: ObservationSpec, encoder: nn.Module | None, width: int, asking:
 
 
 def _count_parts(spec: ObservationSpec, encoder: nn.Module | None) -> int:
-    if spec.kind == "image":
+    if spec.kind in ("image", "features"):
         return encoder.patches  # type: ignore[union-attr,return-value]
     return 1 if spec.kind == "state" else prod(spec.shape) // (len(spec.names.channels) if spec.names else 1)

@@ -37,8 +37,12 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         dropout: On residual branches and token embeddings.
         language_encoder: "words", or a Hugging Face id or local path of an encoder.
         freeze_language_encoder: Keep a pretrained encoder as it is; its answers are then cached per instruction.
-        vision_backbone: A torchvision resnet for image features instead of three convolutions.
-        pretrained_backbone_weights: Its weights at the start by torchvision's name, such as "DEFAULT"; None: none.
+        vision_backbone: A torchvision resnet, or a Hugging Face id or local path of a vision model (DINOv2, SigLIP,
+            CLIP), instead of three convolutions.
+        pretrained_backbone_weights: A resnet's weights at the start by torchvision's name, such as "DEFAULT"; None:
+            none.
+        freeze_vision_backbone: Keep it as it is; it is asked once for each frame, and its answers are kept beside the
+            episode store: from then on a picture costs what a state costs.
         ignored_action_dimensions: Dimensions of continuous actions that the environment ignores: they enter no loss.
             None: those that the dataset's `action` feature names in its `info`, as {"ignored": ["wrist"]}.
         feature_info: Facts about the dataset's features that an environment must share, such as how images were drawn;
@@ -70,6 +74,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             a policy of `--dataset.image_transforms`, which changes frames that these policies do not look at.
         language_model: Architecture of the pretrained language encoder; filled in, so that a checkpoint needs no
             download.
+        vision_model: The same of a vision backbone that is no resnet of torchvision.
         vocabulary: Words of the training instructions; filled in from the dataset, as are the following.
         lexicon: Names of things and phrases of the training instructions, with their token ids.
         action_classes: Number of different actions of a categorical action, 0 for real numbers; filled in.
@@ -84,6 +89,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     freeze_language_encoder: bool = False
     vision_backbone: str | None = None
     pretrained_backbone_weights: str | None = None
+    freeze_vision_backbone: bool = False
     ignored_action_dimensions: list[int] | None = None
     feature_info: dict[str, dict[str, Any]] | None = None
 
@@ -123,6 +129,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     dtype: str = "float32"  # "bfloat16" trains in mixed precision: LeRobot's accelerator reads this field
 
     language_model: dict[str, Any] | None = None
+    vision_model: dict[str, Any] | None = None
     vocabulary: list[str] = field(default_factory=list)
     lexicon: dict[str, list[int]] = field(default_factory=dict)
     action_classes: int | None = None
@@ -352,6 +359,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 "ENV features hold symbols, which cannot be normalised: set normalization_mapping ENV to IDENTITY"
             )
         self._check_action()
+        self._check_frozen()
         self._check_size()
 
     def _check_observation(self, key: str, feature: PolicyFeature) -> None:
@@ -369,6 +377,18 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 f"image `{key}` is made smaller to {self.image_size} pixels, so it cannot be normalised before: set "
                 "normalization_mapping VISUAL to IDENTITY (encoders scale pictures themselves), or "
                 "--policy.image_size=null"
+            )
+
+    def _check_frozen(self) -> None:
+        """What a frozen backbone is asked once cannot change afterwards."""
+        if not self.freeze_vision_backbone:
+            return
+        if self.vision_backbone is None:
+            raise UserError("--policy.freeze_vision_backbone=true needs a --policy.vision_backbone to keep as it is")
+        if self.image_transforms.enable or self.is_scaled(FeatureType.VISUAL):
+            raise UserError(
+                "a frozen vision backbone is asked once for each frame, as it was recorded: set normalization_mapping "
+                "VISUAL to IDENTITY and --policy.image_transforms.enable=false, or freeze_vision_backbone=false"
             )
 
     def _check_action(self) -> None:

@@ -20,6 +20,7 @@ from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.episodes.symmetries import Symmetries, Told
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.feature_info import KEY, check_feature_info
+from lerobot_lisa.networks.backbones import Backbone, FrozenBackbone
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.real_actions import RealHead
@@ -33,6 +34,7 @@ from lerobot_lisa.policies.instructions import InstructionReader, told_apart_by
 from lerobot_lisa.policies.model_card import make_model_card
 from lerobot_lisa.policies.step_randomness import drawing_from
 from lerobot_lisa.policies.training_frames import TrainingFrames, small
+from lerobot_lisa.policies.vision import make_backbone
 
 if TYPE_CHECKING:
     from lerobot.configs.train import TrainPipelineConfig
@@ -80,8 +82,10 @@ class EpisodePolicy(PreTrainedPolicy):
         config.validate_features()
         super().__init__(config)
         self.config: EpisodePolicyConfig = config
-        self.frames = TrainingFrames(config, dataset_stats, dataset_meta)
-        self.network = self.make_network(self.frames.action_bounds.clone())
+        backbone = make_backbone(config)
+        self.eyes = backbone if isinstance(backbone, FrozenBackbone) else None
+        self.frames = TrainingFrames(config, dataset_stats, dataset_meta, self.eyes)
+        self.network = self.make_network(self.frames.action_bounds.clone(), backbone)
         self.instructions = InstructionReader(config)
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._symmetries = find_symmetries(config, dataset_meta.features) if dataset_meta and config.augment else None
@@ -93,8 +97,13 @@ class EpisodePolicy(PreTrainedPolicy):
     # What a policy fills in.
 
     @abstractmethod
-    def make_network(self, action_bounds: Tensor) -> EpisodeNetwork:
-        """The method itself, of the configured size; real-valued actions lie within `action_bounds` (2, A)."""
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> EpisodeNetwork:
+        """The method itself, of the configured size.
+
+        Args:
+            action_bounds: Least and greatest of real-valued actions, (2, A).
+            backbone: Of pictures, for `make_observation_encoder`.
+        """
 
     @abstractmethod
     def predict(
@@ -241,7 +250,12 @@ class EpisodePolicy(PreTrainedPolicy):
                     f"`{key}` has shape {shape}, but the policy takes {(count, *feature.shape)}, a row for each "
                     "instruction: add the batch dimension, or choose the world it was trained in"
                 )
-        return {key: small(self.config, batch[key], feature) for key, feature in wanted.items()}
+        return {key: self._looked_at(batch[key], feature) for key, feature in wanted.items()}
+
+    def _looked_at(self, value: Tensor, feature: PolicyFeature) -> Tensor:
+        """Small pictures, or what a frozen backbone says of them; everything else as it is."""
+        value = small(self.config, value, feature)
+        return value if self.eyes is None or feature.type is not FeatureType.VISUAL else self.eyes(value)
 
     def _begin(self, tokens: Tensor, valid: Tensor) -> None:
         """Start a rollout; what it draws depends on how many came before it, not on what else used random numbers."""

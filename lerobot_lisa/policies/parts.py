@@ -1,14 +1,16 @@
 """Build the network parts that both policies share from a policy's settings."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import torch
-from lerobot.configs import FeatureType
+from lerobot.configs import FeatureType, PolicyFeature
 from torch import Tensor, nn
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, WordEncoder
 from lerobot_lisa.networks.observations import AskingSpec, ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.parts import PartAttention
@@ -16,38 +18,33 @@ from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead
 from lerobot_lisa.policies.base_configuration import SYMBOLS, WORDS, EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import missing_language_encoder
 from lerobot_lisa.policies.lexicon import Symbols, symbol_names, symbol_words, symbols_of
+from lerobot_lisa.policies.pretrained import TEXT, fetched, note, rebuilt
 
-MOST_PARAMETERS = 2_000_000_000  # of a language encoder
 KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VISUAL: "image"}
 
 
-def make_observation_encoder(config: EpisodePolicyConfig, language: LanguageEncoder) -> ObservationEncoder:
+def make_observation_encoder(
+    config: EpisodePolicyConfig, language: LanguageEncoder, backbone: Backbone | None = None
+) -> ObservationEncoder:
     """One encoder over all of the policy's observation features.
 
-    Raises:
-        UserError: The image backbone is unknown or does not fit the images.
+    Args:
+        config: The policy's.
+        language: Whose words things are asked by.
+        backbone: From `make_backbone`. A frozen one stays outside: the encoder gets what it says of pictures.
     """
-    named = named_symbols(config)
-    specs = {
-        key: ObservationSpec(
-            KINDS[feature.type],  # type: ignore[arg-type]
-            tuple(feature.shape),
-            SYMBOLS,
-            None if (spoken := named[key]) is None else symbol_names(spoken, thing_names(config)),
-        )
-        for key, feature in (config.input_features or {}).items()
-    }
+    specs = {key: _spec(config, key, feature, backbone) for key, feature in (config.input_features or {}).items()}
     asking = AskingSpec(language.encoder.width, config.dim_model // 2, language.encoder.whole)
-    try:
-        return ObservationEncoder(
-            specs,
-            config.dim_model,
-            config.vision_backbone,
-            config.pretrained_backbone_weights,
-            asking if config.ask_observations else None,
-        )
-    except (ValueError, KeyError) as error:  # torchvision's words for an unknown model or weights
-        raise UserError(f"--policy.vision_backbone={config.vision_backbone}: {error}") from error
+    own = None if config.freeze_vision_backbone else deepcopy(backbone)
+    return ObservationEncoder(specs, config.dim_model, own, asking if config.ask_observations else None)
+
+
+def _spec(config: EpisodePolicyConfig, key: str, feature: PolicyFeature, backbone: Backbone | None) -> ObservationSpec:
+    if feature.type is FeatureType.VISUAL and backbone is not None and config.freeze_vision_backbone:
+        return ObservationSpec("features", backbone.shape)
+    spoken = named_symbols(config)[key]
+    names = None if spoken is None else symbol_names(spoken, thing_names(config))
+    return ObservationSpec(KINDS[feature.type], tuple(feature.shape), SYMBOLS, names)  # type: ignore[arg-type]
 
 
 def named_symbols(config: EpisodePolicyConfig) -> dict[str, Symbols | None]:
@@ -98,9 +95,9 @@ def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:
         return LanguageEncoder(WordEncoder(len(config.vocabulary) + 2, config.dim_model), config.dim_model, names)
     if config.language_model is None:
         model = _fetch(config.language_encoder)
-        config.language_model = _jsonable(model.config.to_dict())
+        config.language_model = note(model)
     else:
-        model = _rebuild(config.language_model)
+        model = rebuilt(config.language_model, TEXT, "language_model")
     encoder = PretrainedEncoder(model, config.freeze_language_encoder)
     return LanguageEncoder(encoder, config.dim_model, names)
 
@@ -112,11 +109,7 @@ def parameter_group(name: str, modules: Sequence[nn.Module | None], rate: float)
 
 
 def _fetch(name: str) -> Any:
-    try:
-        model = _text_encoder(lambda factory: factory.from_pretrained(name, trust_remote_code=False))
-    except (OSError, ValueError) as error:
-        raise UserError(missing_language_encoder(name)) from error
-    _check_size(model)
+    model: Any = fetched(name, TEXT, missing_language_encoder(name))
     tokens = torch.ones(1, 2, dtype=torch.long)
     try:
         with torch.no_grad():
@@ -126,46 +119,4 @@ def _fetch(name: str) -> Any:
             f"language encoder {name}: a {type(model).__name__} cannot read instructions alone: choose an encoder of "
             "text, such as DistilBERT, T5's encoder or CLIP's text model"
         ) from error
-    for parameter in model.parameters():  # mapped from a file, at any address, products differ in the last digit
-        parameter.data = parameter.data.clone()
     return model
-
-
-def _rebuild(noted: dict[str, Any]) -> Any:
-    """The encoder that a checkpoint notes, first without memory: the note may come from anybody."""
-    from transformers import AutoConfig
-
-    try:
-        layers = [value for key, value in noted.items() if "layers" in key and isinstance(value, int)]
-        if max(layers, default=0) > 200:
-            raise ValueError("it has more than 200 layers")
-        config = AutoConfig.for_model(**noted)
-        with torch.device("meta"):
-            _check_size(_text_encoder(lambda factory: factory.from_config(config, trust_remote_code=False)))
-        return _text_encoder(lambda factory: factory.from_config(config, trust_remote_code=False))
-    except Exception as error:  # every library says it in its own way
-        reason = " ".join(str(error).split())
-        raise UserError(f"config.json: language_model describes no encoder: {reason:.200}") from error
-
-
-def _text_encoder(make: Callable[[Any], Any]) -> Any:
-    """Of a model that does more, such as T5, the part that encodes text."""
-    from transformers import AutoModel, AutoModelForTextEncoding  # slow to import, and word-level policies do without
-
-    try:
-        return make(AutoModelForTextEncoding)
-    except ValueError:  # no such part
-        return make(AutoModel)
-
-
-def _check_size(model: nn.Module) -> None:
-    size = sum(parameter.numel() for parameter in model.parameters())
-    if size > MOST_PARAMETERS:
-        raise UserError(
-            f"the language encoder has {size:.1e} parameters, {MOST_PARAMETERS:.0e} is the most: choose a smaller one"
-        )
-
-
-def _jsonable(settings: dict[str, Any]) -> dict[str, Any]:
-    """Leave out what JSON cannot hold and what a rebuilt encoder does not need."""
-    return {key: value for key, value in settings.items() if isinstance(value, str | int | float | bool | list)}

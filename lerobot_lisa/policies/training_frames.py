@@ -11,11 +11,13 @@ from lerobot.processor import NormalizerProcessorStep
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
+from lerobot_lisa.episodes.features_on_disk import Looker
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.picture_transforms import PictureTransforms
 from lerobot_lisa.episodes.pictures import resize
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.networks.backbones import FrozenBackbone
 from lerobot_lisa.networks.excerpts import cut
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
@@ -39,6 +41,7 @@ class TrainingFrames:
         config: The policy's.
         stats: The dataset's statistics.
         dataset: None: there is nothing to train on.
+        eyes: Looks at each picture once; None: the networks see the pictures.
 
     Attributes:
         store: None until a batch is asked for, which shows how features have been renamed.
@@ -46,9 +49,13 @@ class TrainingFrames:
     """
 
     def __init__(
-        self, config: EpisodePolicyConfig, stats: Stats | None, dataset: "LeRobotDatasetMetadata | None"
+        self,
+        config: EpisodePolicyConfig,
+        stats: Stats | None,
+        dataset: "LeRobotDatasetMetadata | None",
+        eyes: FrozenBackbone | None = None,
     ) -> None:
-        self.config, self.dataset = config, dataset
+        self.config, self.dataset, self._eyes = config, dataset, eyes
         self._normalize = make_normalizer(config, stats)
         changes = dataset is not None and config.image_transforms.enable  # of no use to what only acts
         self._change = PictureTransforms(config.image_transforms) if changes else None
@@ -121,9 +128,15 @@ class TrainingFrames:
             theirs = {name: key for key, name in ours.items()}
             keys = [*(theirs.get(key, key) for key in features), ACTION]
             location = self.config.episode_store
-            store = load_episodes(self.dataset, keys, location, self.config.image_size).renamed(ours)
+            store = load_episodes(self.dataset, keys, location, self.config.image_size, self._looker(device))
+            store = store.renamed(ours)
             self.store = store.to(device) if location == "device" else store
         return self.store
+
+    def _looker(self, device: torch.device) -> Looker | None:
+        if (eyes := self._eyes) is None:
+            return None
+        return Looker(lambda pictures: eyes(pictures.to(device)), eyes.shape, eyes.fingerprint())
 
     def settle_statistics(self, batch: Mapping[str, Any], device: torch.device) -> bool:
         """Scale as the preprocessor does: by the checkpoint's statistics if it resumes, by the dataset's otherwise.

@@ -18,7 +18,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.datasets.video_utils import decode_video_frames
 
-from lerobot_lisa.episodes import pictures_on_disk
+from lerobot_lisa.episodes import pictures_on_disk, progress
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.pictures import resize, resized_shape
 from lerobot_lisa.episodes.pictures_on_disk import PicturesOnDisk
@@ -119,7 +119,7 @@ def test_a_short_stretch_is_decoded_at_a_time(videos: Path, monkeypatch: pytest.
 def test_lines_for_the_log_where_there_is_no_terminal(
     videos: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(pictures_on_disk, "_SECONDS_BETWEEN_LINES", 0.0)
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", 0.0)
     with caplog.at_level(logging.INFO):
         load(videos).gather(torch.arange(3))
     assert "Decoding pictures: 52 of 52 frames" in caplog.text

@@ -7,6 +7,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot_lisa import LisaConfig
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.parts import make_language_encoder, make_observation_encoder
+from lerobot_lisa.policies.vision import make_backbone
 
 
 def config(channels: int, **settings: str) -> LisaConfig:
@@ -16,7 +17,7 @@ def config(channels: int, **settings: str) -> LisaConfig:
 
 def test_a_resnet_embeds_images() -> None:
     settings = config(3, vision_backbone="resnet18")
-    encoder = make_observation_encoder(settings, make_language_encoder(settings)).eval()
+    encoder = make_observation_encoder(settings, make_language_encoder(settings), make_backbone(settings)).eval()
 
     seen = encoder({"observation.image": torch.rand(2, 3, 64, 64)}, torch.zeros(0, 128))
 
@@ -35,5 +36,5 @@ def test_a_resnet_embeds_images() -> None:
 )
 def test_others_are_refused_in_one_line(channels: int, settings: dict[str, str], message: str) -> None:
     with pytest.raises(UserError, match=message) as caught:
-        make_observation_encoder(config(channels, **settings), make_language_encoder(config(channels)))
+        make_backbone(config(channels, **settings))
     assert "\n" not in str(caught.value)

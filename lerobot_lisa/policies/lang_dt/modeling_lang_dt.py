@@ -5,6 +5,7 @@ from typing import Any
 from torch import Tensor
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
@@ -28,7 +29,7 @@ class LangDTPolicy(EpisodePolicy):
     config: LangDTConfig
     network: LangDT
 
-    def make_network(self, action_bounds: Tensor) -> LangDT:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> LangDT:
         """One causal transformer that looks back as far as configured, or over the longest training episode."""
         config, steps = self.config, self.config.max_timesteps or 1
         window = 2 * (config.lookback_steps or steps)  # two tokens a step: observation and action
@@ -38,7 +39,7 @@ class LangDTPolicy(EpisodePolicy):
             make_action_head(config, action_bounds),
         )
         language = make_language_encoder(config)
-        observations = make_observation_encoder(config, language)
+        observations = make_observation_encoder(config, language, backbone)
         asks_words = make_part_attention(config, language, language.encoder.width)
         return LangDT(language, observations, policy, config.padding_waste, asks_words)
 

@@ -6,6 +6,7 @@ from torch import Tensor, nn
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.action_predictor import ActionPredictor
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.code_statistics import codes_used, mutual_information, perplexity
 from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.language import LanguageEncoder
@@ -42,7 +43,7 @@ class LisaPolicy(EpisodePolicy):
         super().__init__(config, *arguments, **named)
         self.follow(config.skill_plan)
 
-    def make_network(self, action_bounds: Tensor) -> Lisa:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> Lisa:
         """Skill predictor, codebook and policy of the configured sizes."""
         config = self.config
         language = make_language_encoder(config)
@@ -50,14 +51,14 @@ class LisaPolicy(EpisodePolicy):
         shared = config.shared_observation_encoder
         return Lisa(
             language=language,
-            observations=make_observation_encoder(config, language),
+            observations=make_observation_encoder(config, language, backbone),
             predictor=make_skill_predictor(config),
             source=source,
             quantizer=QUANTIZERS[config.quantizer].make(config, source.width),
             skill_embedding=nn.Linear(source.width, config.dim_model),
             action_predictor=make_action_predictor(config, action_bounds),
             horizon=config.horizon,
-            predictor_observations=None if shared else make_observation_encoder(config, language),
+            predictor_observations=None if shared else make_observation_encoder(config, language, backbone),
             asks_words=make_part_attention(config, language, language.encoder.width),
             asks_skill=make_part_attention(config, language, source.width),
         )
