@@ -76,7 +76,7 @@ class FrozenBackbone(Backbone):
         settings = (type(self.model).__name__, self.mean.tolist(), self.std.tolist(), self.picture_size, self.side)
         drawn = hashlib.sha256(repr(settings).encode())
         for name, value in self.model.state_dict().items():
-            drawn.update(name.encode() + value.detach().cpu().contiguous().view(torch.uint8).numpy().tobytes())
+            drawn.update(name.encode() + value.detach().cpu().reshape(-1).view(torch.uint8).numpy().tobytes())
         return drawn.hexdigest()[:32]
 
 

@@ -1,5 +1,6 @@
 """Settings that LISA and Lang-DT share, what they learn from a dataset's metadata, and which of all that is refused."""
 
+import logging
 import math
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
@@ -23,6 +24,7 @@ from lerobot_lisa.policies.old_fields import OldFields
 
 WORDS = "words"  # the built-in word-level language encoder
 SYMBOLS = 16  # more than minigrid's 11 objects, 6 colours and 3 door states
+PAPERS_RATE = 1e-4
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 MOST_PARAMETERS = 500_000_000  # 2 GB; the paper's networks have a million. A config.json may come from anybody
 
@@ -54,6 +56,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         action_temperature: In rollouts categorical actions, bins and mixtures are drawn at this temperature; 0 takes
             the most probable one.
         action_seed: Makes drawing exact: rollout k after training or loading draws from seed `action_seed` + k.
+        numbers: Integer observations that are quantities, such as the ticks of an encoder, and no symbols. None: those
+            that hold others than 0 to 15.
         episode_store: Where whole episodes wait: "memory", "disk" (memory-mapped) or "device" (with the model).
         image_size: Pixels of the longer side of pictures; larger ones are made smaller, once for training and in
             rollouts alike. None: as they come.
@@ -62,7 +66,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
             chunks. 0: the whole episode, as in the paper. None: `EXCERPT_STEPS` if there are pictures, else 0.
         lookback_steps: How far each block of the transformers over episodes looks back, in training and in rollouts. 0:
             over the longest training episode. None: `LOOKBACK_STEPS` if there are pictures, else 0.
-        optimizer_lr: Rate of the parameters that predict actions.
+        optimizer_lr: Rate of the parameters that predict actions. None: the paper's 1e-4; with pictures 3e-4, since
+            what sees them starts from nothing.
         optimizer_lr_language: Rate of the language encoder; None: the paper's 1e-6 for a pretrained one, `optimizer_lr`
             for "words", which starts from nothing.
         scheduler: "constant" or "cosine" (to zero at the last step), both after a linear warm-up.
@@ -106,12 +111,13 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     action_temperature: float = 1.0
     action_seed: int = 0
 
+    numbers: list[str] | None = None
     episode_store: str = "memory"
     image_size: int | None = 128
     excerpt_steps: int | None = None
     lookback_steps: int | None = None
 
-    optimizer_lr: float = 1e-4
+    optimizer_lr: float | None = None
     optimizer_lr_language: float | None = None
     optimizer_betas: tuple[float, float] = (0.9, 0.999)
     optimizer_eps: float = 1e-8
@@ -179,10 +185,11 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
                 "choose e.g. 128 and 4"
             )
         self._check_size()
+        if self.use_amp and self.dtype == "float32":
+            self.dtype = "bfloat16"  # which is what LeRobot looks at where a policy has such a field
         if self.excerpt_steps and not self.EXCERPT_STEPS:
             raise UserError(f"--policy.excerpt_steps={self.excerpt_steps}: {self.type} learns from whole episodes only")
-        if self.max_timesteps is not None:  # a checkpoint's; what it does not name did not exist when it was made
-            self._fill_in_as_it_was()
+        self._is_checkpoint = self.max_timesteps is not None
 
     def _check_choice(self, name: str, choices: tuple[str, ...]) -> None:
         if getattr(self, name) not in choices:
@@ -233,7 +240,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     def get_optimizer_preset(self) -> AdamConfig:
         """Adam (paper, appendix D); the policies hand it one parameter group per learning rate."""
         return AdamConfig(
-            lr=self.optimizer_lr,
+            lr=self._policy_rate,  # groups bring their own
             betas=self.optimizer_betas,
             eps=self.optimizer_eps,
             weight_decay=self.optimizer_weight_decay,
@@ -251,22 +258,27 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         """Learning rate of the language encoder."""
         if self.optimizer_lr_language is not None:
             return self.optimizer_lr_language
-        return self.optimizer_lr if self.language_encoder == WORDS else 1e-6
+        return self._policy_rate if self.language_encoder == WORDS else 1e-6
+
+    @property
+    def _policy_rate(self) -> float:
+        return PAPERS_RATE if self.optimizer_lr is None else self.optimizer_lr
 
     # What a dataset tells.
 
     def set_dataset_feature_metadata(self, features: dict[str, dict[str, Any]]) -> None:
         """Take from a dataset's `info.json` what its `PolicyFeature`s do not say: a hook that LeRobot's factory calls.
 
-        Integer and boolean observations become symbols, an integer action becomes categorical. What the user has set
-        stays.
+        Integer and boolean observations become symbols unless they are `numbers`, an integer action becomes
+        categorical. What the user has set stays.
 
         Raises:
             UserError: An ignored action has no name.
         """
         for key, feature in (self.input_features or {}).items():
             described = features.get(key, {})
-            if feature.type is FeatureType.STATE and (_is_integer(described) or described.get("dtype") == "bool"):
+            whole = _is_integer(described) or described.get("dtype") == "bool"
+            if feature.type is FeatureType.STATE and whole and key not in (self.numbers or []):
                 # Out of reach of STATE scaling.
                 self.input_features[key] = PolicyFeature(FeatureType.ENV, feature.shape)
             elif key == OBS_ENV_STATE and key in features and not _is_integer(features[key]):
@@ -293,11 +305,15 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         """
         for key, feature in (self.input_features or {}).items():
             low, high = _range(key, stats)
-            if feature.type is FeatureType.ENV and (low < 0 or high >= SYMBOLS):
+            if feature.type is not FeatureType.ENV or (low >= 0 and high < SYMBOLS):
+                continue
+            if self.numbers is not None:
                 raise UserError(
                     f"`{key}` holds integers from {low:g} to {high:g}, but symbols are 0..{SYMBOLS - 1}: "
-                    "store it as real numbers, or leave it out of --policy.input_features"
+                    "name it in --policy.numbers, or leave it out of --policy.input_features"
                 )
+            logging.warning("`%s` holds integers from %g to %g: numbers, no symbols", key, low, high)
+            self.input_features[key] = PolicyFeature(FeatureType.STATE, feature.shape)
         low, high = _range(ACTION, stats)
         if self.action_classes is None:
             if "max" not in (stats or {}).get(ACTION, {}):
@@ -316,11 +332,15 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
 
     def fill_in(self) -> None:
         """Choose what the user has left open and what depends on the features."""
+        if self._is_checkpoint:  # what it does not name did not exist when it was made
+            self._fill_in_as_it_was()
         shows_pictures = any(feature.type is FeatureType.VISUAL for feature in (self.input_features or {}).values())
         if self.excerpt_steps is None:
             self.excerpt_steps = self.EXCERPT_STEPS if shows_pictures else 0
         if self.lookback_steps is None:
             self.lookback_steps = self.LOOKBACK_STEPS if shows_pictures else 0
+        if self.optimizer_lr is None:
+            self.optimizer_lr = 3e-4 if shows_pictures else PAPERS_RATE
         scaled = {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
         if self.action_classes:
             scaled["ACTION"] = NormalizationMode.IDENTITY
@@ -454,7 +474,7 @@ def _count_classes(action: dict[str, Any]) -> int | None:
     """Number of different actions as `info.json` tells it: 0 for real-valued ones, None if it does not."""
     if action.get("dtype") == "bool":
         return 2 if math.prod(action["shape"]) == 1 else 0
-    if not _is_integer(action):
+    if not _is_integer(action) or math.prod(action["shape"]) != 1:
         return 0
     names = action.get("names")
     return len(names["classes"]) if isinstance(names, dict) and names.get("classes") else None

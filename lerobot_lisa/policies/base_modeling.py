@@ -31,6 +31,7 @@ from lerobot_lisa.policies.base_processor import (
 from lerobot_lisa.policies.dataset_knowledge import learn_about
 from lerobot_lisa.policies.fine_tuning import at_saved_size
 from lerobot_lisa.policies.instructions import InstructionReader, told_apart_by
+from lerobot_lisa.policies.known_losses import KnownLosses, Losses, rows_of, state_of
 from lerobot_lisa.policies.model_card import make_model_card
 from lerobot_lisa.policies.step_randomness import drawing_from
 from lerobot_lisa.policies.training_frames import TrainingFrames, small
@@ -89,6 +90,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self.instructions = InstructionReader(config)
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._symmetries = find_symmetries(config, dataset_meta.features) if dataset_meta and config.augment else None
+        self._known_losses = KnownLosses()
         self._history: Any = None
         self._told: list[Any] = []
         self.rollouts = 0
@@ -128,20 +130,37 @@ class EpisodePolicy(PreTrainedPolicy):
             UserError: The policy was built without a dataset, or its episodes cannot be read or used.
         """
         self.rollouts = 0  # so that evaluation in training draws what `lerobot-eval` of the checkpoint will
+        held_out = not self.training and not torch.is_grad_enabled()
+        losses, extra, metrics = self._known(batch) if held_out else self._losses(batch)
+        loss = losses if reduction == "none" else losses.mean()
+        return loss + extra, _numbers({**metrics, "action_loss": losses.mean()})
+
+    def _losses(self, batch: Mapping[str, Any]) -> Losses:
         frames, packing = self.gather(batch)
         tokens, tokens_valid = self.instructions.read(batch)
         with drawing_from(batch, self._device) if self.training else nullcontext():
             if self.training and self._symmetries is not None:
                 frames, tokens = self._symmetries(Told(frames, tokens), packing)
             actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
-            outputs, extra_loss, metrics = self.predict(tokens, tokens_valid, observations, actions, packing)
+            outputs, extra, metrics = self.predict(tokens, tokens_valid, observations, actions, packing)
         head = self.network.head
         if packing.learned_rows is not None:
             actions = actions[packing.learned_rows]
-        action_loss = packing.learned.mean(head.loss(outputs, actions))  # (B,)
-        metrics = {**metrics, "action_loss": action_loss.mean(), **head.metrics(outputs.detach(), actions)}
-        loss = action_loss if reduction == "none" else action_loss.mean()
-        return loss + extra_loss, _numbers(metrics)
+        losses = packing.learned.mean(head.loss(outputs, actions))
+        return losses, extra, {**metrics, **head.metrics(outputs.detach(), actions)}
+
+    def _known(self, batch: Mapping[str, Any]) -> Losses:
+        """The same in a validation, where frames of one episode come one after another."""
+        tokens, valid = self.instructions.read(batch)
+        told = tokens.masked_fill(~valid, -1).tolist()
+        parts = self.frames.parts(batch, self._device)
+        keys = [(*part, *(token for token in words if token >= 0)) for part, words in zip(parts, told, strict=True)]
+        return self._known_losses.look_up(keys, state_of(self), lambda rows: self._losses(rows_of(batch, rows)))
+
+    def train(self, mode: bool = True) -> "EpisodePolicy":
+        """Whoever begins to train, or to validate, computes everything anew."""
+        self._known_losses.forget()
+        return super().train(mode)
 
     def gather(self, batch: Mapping[str, Any]) -> tuple[dict[str, Tensor], Packing]:
         """The episodes of a batch's frames, or excerpts of them, under the policy's names and in its scale.

@@ -135,6 +135,14 @@ def missing_language_encoder(name: str) -> str:
     )
 
 
+def _as_real(observation: dict[str, Any]) -> dict[str, Any]:
+    """Integers as real numbers, but no pictures: LeRobot would scale them by statistics that it cuts to integers."""
+    return {
+        key: value.float() if isinstance(value, Tensor) and not value.is_floating_point() and value.ndim < 4 else value
+        for key, value in observation.items()
+    }
+
+
 @ProcessorStepRegistry.register("lisa_instructions")
 @dataclass
 class InstructionStep(ObservationProcessorStep):
@@ -150,7 +158,7 @@ class InstructionStep(ObservationProcessorStep):
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Tokenise the task strings of the transition this observation belongs to."""
         tokens, valid = self.tokenise(self._instructions())
-        return {**observation, OBS_LANGUAGE_TOKENS: tokens, OBS_LANGUAGE_ATTENTION_MASK: valid}
+        return {**_as_real(observation), OBS_LANGUAGE_TOKENS: tokens, OBS_LANGUAGE_ATTENTION_MASK: valid}
 
     def _instructions(self) -> list[str]:
         task = (self.transition.get(TransitionKey.COMPLEMENTARY_DATA) or {}).get("task")

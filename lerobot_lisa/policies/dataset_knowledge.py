@@ -1,8 +1,9 @@
 """What a policy learns of a dataset before it is trained: how long episodes are, which words and phrases are said."""
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from lerobot.utils.constants import ACTION
 
 from lerobot_lisa.episodes.check import check_metadata
@@ -35,6 +36,7 @@ def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> 
     named = (*(config.input_features or {}), ACTION)  # `--rename_map` gives some other names than the dataset's
     check_metadata(meta, [key for key in named if key in meta.features])
     longest, goes_on = int(task_runs(meta).lengths.max()), bool(config.pretrained_path)
+    _keep_still(meta.stats or {}, [key for key in named if key not in meta.camera_keys])
     config.set_dataset_statistics(meta.stats, longest)
     if goes_on and config.max_timesteps is not None:
         config.max_timesteps = max(config.max_timesteps, longest)
@@ -43,6 +45,17 @@ def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> 
         _learn_words(config, tasks)
     if goes_on or not config.lexicon:
         _learn_phrases(config, tasks, symmetry_words(meta.features))
+
+
+def _keep_still(stats: dict[str, dict[str, Any]], keys: list[str]) -> None:
+    """Give numbers that never change the deviation 1, where everybody finds it who scales by the dataset's statistics.
+
+    Theirs is 0, or a rounding error: a joint that nobody moved would count a million times as much as any other as soon
+    as it trembles.
+    """
+    for numbers in (stats[key] for key in keys if {"min", "max", "std"} <= stats.get(key, {}).keys()):
+        still = np.asarray(numbers["min"]) == np.asarray(numbers["max"])
+        numbers["std"] = np.where(still, 1.0, np.asarray(numbers["std"]))
 
 
 def _learn_words(config: EpisodePolicyConfig, tasks: list[str]) -> None:

@@ -55,7 +55,7 @@ def fetched(name: str, half: Half, missing: str) -> nn.Module:
     _check_size(model)
     for parameter in model.parameters():  # mapped from a file, at any address, products differ in the last digit
         parameter.data = parameter.data.clone()
-    return model
+    return model.float()  # whatever it was saved in
 
 
 def rebuilt(noted: Mapping[str, Any], half: Half, field: str) -> nn.Module:
@@ -78,7 +78,7 @@ def rebuilt(noted: Mapping[str, Any], half: Half, field: str) -> nn.Module:
         config = AutoConfig.for_model(**noted)
         with torch.device("meta"):
             _check_size(_first(half, lambda made: made.from_config(config, trust_remote_code=False)))
-        return _first(half, lambda made: made.from_config(config, trust_remote_code=False))
+        return _first(half, lambda made: made.from_config(config, trust_remote_code=False)).float()
     except Exception as error:  # every library says it in its own way
         reason = " ".join(str(error).split())
         raise UserError(f"config.json: {field} describes no encoder: {reason:.200}") from error

@@ -86,6 +86,17 @@ class TrainingFrames:
                 frames = self._change(frames, self._cameras, packing)
         return self._as_numbers(self.scaled(frames)), packing
 
+    def parts(self, batch: Mapping[str, Any], device: torch.device) -> list[tuple[int, int, int]]:
+        """What is learned from of each of a batch's frames: its episode, the part of it, and how long parts are."""
+        store, index, learned = (
+            self.episodes(batch, device),
+            batch["index"].reshape(-1).cpu(),
+            self.config.learned_steps,
+        )
+        episodes = store.holding(index)
+        number = (index - store.starts[episodes]) // learned if learned else torch.zeros_like(index)
+        return [(*pair, learned) for pair in zip(episodes.tolist(), number.tolist(), strict=True)]
+
     def _cut(
         self, store: EpisodeStore, index: Tensor, reach: int, device: torch.device
     ) -> tuple[dict[str, Tensor], Packing]:
@@ -101,17 +112,16 @@ class TrainingFrames:
         return [key for key, feature in features.items() if feature.type is FeatureType.VISUAL]
 
     def _as_numbers(self, frames: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Actions as (N, A), numbers to subtract."""
-        actions = frames[ACTION].reshape(len(frames[ACTION]), -1)
-        frames[ACTION] = actions.float() if actions.dtype == torch.bool else actions
+        """Actions as (N, A)."""
+        frames[ACTION] = frames[ACTION].reshape(len(frames[ACTION]), -1)
         return frames
 
     def scaled(self, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """What the preprocessor does to observations and actions in a rollout, done to stored ones."""
         features = self.config.input_features or {}
-        observations = {key: _unit_range(value, features.get(key)) for key, value in frames.items()}
-        del observations[ACTION]
-        scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: frames[ACTION]})
+        observations = {key: _as_real(value, features.get(key)) for key, value in frames.items() if key != ACTION}
+        actions = frames[ACTION] if self.config.action_classes else frames[ACTION].float()
+        scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: actions})
         return {**scaled[TransitionKey.OBSERVATION], ACTION: scaled[TransitionKey.ACTION]}
 
     def episodes(self, batch: Mapping[str, Any], device: torch.device) -> EpisodeStore:
@@ -168,7 +178,9 @@ class TrainingFrames:
         """A feature of a batch that was scaled in another way than stored ones of the same frames are."""
         frames, features = self._as_numbers(self.scaled(stored)), self.config.input_features or {}
         numbers = [key for key, feature in features.items() if feature.type is FeatureType.STATE]
-        for key in (key for key in (*numbers, ACTION) if key in batch):
+        if stored[ACTION].is_floating_point():  # LeRobot scales others by statistics that it cuts to integers
+            numbers.append(ACTION)
+        for key in (key for key in numbers if key in batch):
             ours, theirs = frames[key].float(), batch[key].to(frames[key].device).float()
             if not torch.allclose(ours.flatten(), theirs.flatten(), rtol=1e-3, atol=1e-4, equal_nan=True):
                 return key
@@ -180,10 +192,10 @@ class TrainingFrames:
         """Which of the dataset's features of one shape a batch has under the name `key`; None if it cannot be said."""
         stored = load_episodes(dataset, names, "memory", self.config.image_size).frames(batch["index"].cpu())
         feature, shown = (self.config.input_features or {})[key], batch[key].cpu()
-        shown = _unit_range(small(self.config, shown, feature), feature).float()
+        shown = _as_real(small(self.config, shown, feature), feature).float()
         apart = {}
         for name in names:
-            scaled = self._normalize({TransitionKey.OBSERVATION: {key: _unit_range(stored[name], feature)}})
+            scaled = self._normalize({TransitionKey.OBSERVATION: {key: _as_real(stored[name], feature)}})
             apart[name] = (scaled[TransitionKey.OBSERVATION][key].cpu().float() - shown).abs().mean().item()
         nearest, second = sorted(names, key=lambda name: apart[name])[:2]
         return nearest if apart[nearest] < 0.5 * apart[second] else None
@@ -205,8 +217,10 @@ def small(config: EpisodePolicyConfig, value: Tensor, feature: PolicyFeature) ->
     return value if config.is_scaled(FeatureType.VISUAL) else resize(value, size)
 
 
-def _unit_range(stored: Tensor, feature: PolicyFeature | None) -> Tensor:
-    """Pictures wait in the store as bytes; rollouts and statistics have them in 0..1."""
-    if feature is None or feature.type is not FeatureType.VISUAL:
+def _as_real(stored: Tensor, feature: PolicyFeature | None) -> Tensor:
+    """Pictures wait in the store as bytes, rollouts and statistics have them in 0..1; integers may be numbers."""
+    if feature is None or feature.type is FeatureType.ENV:
         return stored
-    return stored.float() / 255 if stored.dtype == torch.uint8 else stored
+    if feature.type is FeatureType.VISUAL and stored.dtype == torch.uint8:
+        return stored.float() / 255
+    return stored if stored.is_floating_point() else stored.float()

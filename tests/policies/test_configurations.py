@@ -241,6 +241,31 @@ def test_symbols_beyond_the_vocabulary_are_refused(tmp_path: Path) -> None:
     inputs = {"observation.count": PolicyFeature(FeatureType.STATE, (2,))}
 
     with pytest.raises(UserError, match=r"`observation\.count` holds integers from 0 to 16"):
-        described(features=features, stats=stats, input_features=inputs)
+        described(features=features, stats=stats, input_features=dict(inputs), numbers=[])
     stats["observation.count"]["max"][1] = 15
-    described(features=features, stats=stats, input_features=inputs).validate_features()
+    described(features=features, stats=stats, input_features=inputs, numbers=[]).validate_features()
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "numbers", "kind"),
+    [
+        (0, 15, None, FeatureType.ENV),
+        (0, 16, None, FeatureType.STATE),
+        (-3, 2, None, FeatureType.STATE),
+        (0, 4095, None, FeatureType.STATE),
+        (0, 3, ["observation.count"], FeatureType.STATE),
+        (0, 3, [], FeatureType.ENV),
+    ],
+)
+def test_integers_are_symbols_or_numbers(low: int, high: int, numbers: list[str] | None, kind: FeatureType) -> None:
+    features = {
+        "observation.count": {"dtype": "int64", "shape": (2,), "names": ["a", "b"]},
+        "action": tiny_datasets.CLASSES,
+    }
+    stats = {"observation.count": {"min": np.array([low, 0]), "max": np.array([1, high])}}
+    inputs = {"observation.count": PolicyFeature(FeatureType.STATE, (2,))}
+
+    cfg = described(features=features, stats=stats, input_features=inputs, numbers=numbers)
+
+    cfg.validate_features()
+    assert cfg.input_features["observation.count"].type is kind

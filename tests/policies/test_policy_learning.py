@@ -108,7 +108,8 @@ def test_every_parameter_is_in_one_group(kind: str, data: str, request: pytest.F
 
 
 def test_rates_by_default() -> None:
-    assert config("lisa", language_encoder="words").language_rate == config("lisa").optimizer_lr
+    assert config("lisa", language_encoder="words").language_rate == 1e-4
+    assert config("lisa", language_encoder="words", optimizer_lr=3e-4).language_rate == 3e-4
     assert config("lisa", language_encoder="distilbert-base-uncased").language_rate == 1e-6
     assert config("lisa", optimizer_lr_language=0.0).language_rate == 0.0
 

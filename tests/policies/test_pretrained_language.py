@@ -129,11 +129,24 @@ def test_other_encoders_of_text(name: str, encoder: Path, symbolic: Path, tmp_pa
     assert torch.equal(loaded.action_outputs(batch), made.policy.action_outputs(batch))
 
 
+def test_of_clip_the_half_that_reads(encoder: Path, symbolic: Path, tmp_path: Path) -> None:
+    image = {**SMALL, "image_size": 32, "patch_size": 16}
+    text = {"vocab_size": 40, "max_position_embeddings": 20, **SMALL}
+    whole = transformers.CLIPModel(transformers.CLIPConfig(text_config=text, vision_config=image))
+    made = training("lisa", symbolic, language_encoder=replaced(encoder, whole)).warm_up()
+
+    read = made.policy.network.language.encoder.model.state_dict()
+    assert read
+    assert not [key for key in made.policy.state_dict() if "vision" in key]
+    expected = whole.text_model.state_dict()
+    assert all(torch.equal(value, expected[key.removeprefix("text_model.")]) for key, value in read.items())
+
+
 def test_a_model_that_reads_no_text_alone(encoder: Path, symbolic: Path) -> None:
     image = {**SMALL, "image_size": 32, "patch_size": 16}
-    config = transformers.CLIPConfig(text_config={"vocab_size": 40, **SMALL}, vision_config=image)
-    with pytest.raises(UserError, match="a CLIPModel cannot read instructions alone: choose an encoder of text"):
-        training("lisa", symbolic, language_encoder=replaced(encoder, transformers.CLIPModel(config)))
+    model = transformers.ViTModel(transformers.ViTConfig(**image))
+    with pytest.raises(UserError, match="a ViTModel cannot read instructions alone: choose an encoder of text"):
+        training("lisa", symbolic, language_encoder=replaced(encoder, model))
 
 
 @pytest.mark.parametrize(

@@ -108,6 +108,8 @@ def ask(policy: "LisaPolicy", preprocess: Any, dataset: "LeRobotDataset", batch_
     hook = policy.network.quantizer.register_forward_hook(lambda _module, _inputs, skills: quantized.append(skills))
     starts, instructions = list(dataset.meta.episodes["dataset_from_index"]), []
     policy.eval()
+    if policy.config.learned_steps:  # of pictures, whose whole episodes are asked about all the same
+        policy.config.excerpt_steps, batch_size = 0, 4
     with torch.no_grad():
         loader = DataLoader(Subset(dataset, starts), batch_size)
         for batch in tqdm(loader, desc="asking for skills", unit="batch", disable=None):

@@ -46,7 +46,8 @@ class LisaConfig(EpisodePolicyConfig):
             a training: what to copy has to be learned first. The paper does not mention it (0).
         skill_plan: Skill codes to follow in rollouts in place of the skill predictor's, such as "14" for the whole
             episode or "14*20,2*20" (see `networks.skill_plan`); None: none. The loss takes no notice of it.
-        optimizer_lr_skill_predictor: Rate of the skill predictor and of the codebook's projections.
+        optimizer_lr_skill_predictor: Rate of the skill predictor and of the codebook's projections. None: the paper's
+            1e-5, which fine-tunes; with pictures `optimizer_lr`.
     """
 
     n_predictor_layers: int = 1
@@ -69,7 +70,7 @@ class LisaConfig(EpisodePolicyConfig):
 
     skill_plan: str | None = None
 
-    optimizer_lr_skill_predictor: float = 1e-5
+    optimizer_lr_skill_predictor: float | None = None
 
     BOUNDS: ClassVar[dict[str, tuple[float, float]]] = {
         **EpisodePolicyConfig.BOUNDS,
@@ -119,6 +120,8 @@ class LisaConfig(EpisodePolicyConfig):
             self.shared_observation_encoder = shows_pictures
         if self.predictor_stride is None:
             self.predictor_stride = self.horizon if shows_pictures else 1
+        if self.optimizer_lr_skill_predictor is None:
+            self.optimizer_lr_skill_predictor = self.optimizer_lr if shows_pictures else 1e-5
 
     def _fill_in_as_it_was(self) -> None:
         """Choose what was done before there was a choice."""
