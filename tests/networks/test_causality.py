@@ -60,9 +60,7 @@ def test_the_present_and_the_past_do_matter(network: EpisodeNetwork) -> None:
 def embeddings(what: Batch) -> Tensor:
     """What LISA's skill predictor says at every chunk, before quantising: finer than codes."""
     instruction = LISA.language(what.tokens, what.valid)
-    seen = LISA._ask_words(
-        LISA._look(what.observations, LISA.language.names())[1], instruction.naming(), what.packing.sequence
-    )
+    seen = LISA._ask_words(LISA._look(what.observations, None, None)[1], instruction.naming(), what.packing.sequence)
     return LISA.predictor(instruction.tokens, what.valid, seen, what.packing, HORIZON)
 
 
@@ -89,7 +87,7 @@ def test_the_skill_predictor_does_not_look_at_actions() -> None:
 def chunk_logits(codes: Tensor, what: Batch) -> Tensor:
     skills, chunks = LISA.quantizer.embed(codes), what.packing.split(HORIZON)
     prefix = LISA.skill_embedding(skills)
-    seen, _ = LISA._ask_skill(LISA._look(what.observations, LISA.language.names())[0], skills, prefix, chunks.sequence)
+    seen, _ = LISA._ask_skill(LISA._look(what.observations, None, None)[0], skills, prefix, chunks.sequence)
     return LISA.action_predictor(prefix, None, seen, what.actions, chunks)
 
 
