@@ -240,7 +240,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     def get_optimizer_preset(self) -> AdamConfig:
         """Adam (paper, appendix D); the policies hand it one parameter group per learning rate."""
         return AdamConfig(
-            lr=self._policy_rate,  # groups bring their own
+            lr=self.policy_rate,  # groups bring their own
             betas=self.optimizer_betas,
             eps=self.optimizer_eps,
             weight_decay=self.optimizer_weight_decay,
@@ -258,10 +258,11 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         """Learning rate of the language encoder."""
         if self.optimizer_lr_language is not None:
             return self.optimizer_lr_language
-        return self._policy_rate if self.language_encoder == WORDS else 1e-6
+        return self.policy_rate if self.language_encoder == WORDS else 1e-6
 
     @property
-    def _policy_rate(self) -> float:
+    def policy_rate(self) -> float:
+        """Learning rate of the parameters that predict actions."""
         return PAPERS_RATE if self.optimizer_lr is None else self.optimizer_lr
 
     # What a dataset tells.

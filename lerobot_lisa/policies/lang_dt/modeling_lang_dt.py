@@ -48,7 +48,7 @@ class LangDTPolicy(EpisodePolicy):
         network = self.network
         policy = [network.observations, network.action_predictor, network.language.output, network.asks_words]
         return [
-            parameter_group("policy", policy, self.config.optimizer_lr),
+            parameter_group("policy", policy, self.config.policy_rate),
             parameter_group("language_encoder", [network.language.encoder], self.config.language_rate),
         ]
 

@@ -144,6 +144,11 @@ class LisaConfig(EpisodePolicyConfig):
         """K, the number of skill codes, all parts taken together; 0 if skills are continuous."""
         return n_codes(self)
 
+    @property
+    def skill_predictor_rate(self) -> float:
+        """Learning rate of the skill predictor and of the codebook's projections."""
+        return 1e-5 if self.optimizer_lr_skill_predictor is None else self.optimizer_lr_skill_predictor
+
     def _count_parameters(self) -> int:
         width = max(self.code_width, self.dim_model)
         codebook = 2 * width * (sum(codebook_sizes(self)) + self.dim_model)

@@ -70,8 +70,8 @@ class LisaPolicy(EpisodePolicy):
         seeing = [network.predictor_observations, network.asks_words, network.language.output]
         predictor = [*seeing, network.predictor, network.source, network.quantizer]
         return [
-            parameter_group("policy", policy, config.optimizer_lr),
-            parameter_group("skill_predictor", predictor, config.optimizer_lr_skill_predictor),
+            parameter_group("policy", policy, config.policy_rate),
+            parameter_group("skill_predictor", predictor, config.skill_predictor_rate),
             parameter_group("language_encoder", [network.language.encoder], config.language_rate),
         ]
 
