@@ -63,16 +63,20 @@ def _shapes(length: int, shape: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
 
 
 def frame_table(
-    columns: Mapping[str, np.ndarray], features: Mapping[str, Mapping[str, Any]], schema: pa.Schema
+    columns: Mapping[str, np.ndarray | pa.Array], features: Mapping[str, Mapping[str, Any]], schema: pa.Schema
 ) -> pa.Table:
-    """Arrow table of one episode: one row per frame, one column per feature, with LeRobot's own types."""
-    arrays = [
-        _image_column(columns[key], schema.field(key).type)
-        if feature["dtype"] == "image"
-        else _numeric_column(columns[key], schema.field(key).type)
-        for key, feature in features.items()
-    ]
+    """Arrow table of one episode: one row per frame, one column per feature, with LeRobot's own types.
+
+    Columns that are arrays of Arrow already stay as they are.
+    """
+    arrays = [_column(columns[key], feature, schema.field(key).type) for key, feature in features.items()]
     return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _column(values: np.ndarray | pa.Array, feature: Mapping[str, Any], kind: pa.DataType) -> pa.Array:
+    if isinstance(values, pa.Array):
+        return values
+    return _image_column(values, kind) if feature["dtype"] == "image" else _numeric_column(values, kind)
 
 
 def _numeric_column(values: np.ndarray, kind: pa.DataType) -> pa.Array:

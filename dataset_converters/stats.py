@@ -63,10 +63,11 @@ def image_stats(images: np.ndarray) -> FeatureStats:
 
 
 def episode_stats(columns: Mapping[str, np.ndarray], features: Mapping[str, Mapping[str, Any]]) -> EpisodeStats:
-    """Statistics of every column of one episode, in the order of `features`."""
+    """Statistics of every column of one episode that there is, in the order of `features`."""
     return {
         key: image_stats(columns[key]) if feature["dtype"] == "image" else numeric_stats(columns[key])
         for key, feature in features.items()
+        if key in columns
     }
 
 

@@ -1,6 +1,6 @@
 """Bulk writer of LeRobotDataset v3.0: a stream of whole episodes in, the files that LeRobot's own writer makes out."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,16 @@ import pyarrow as pa
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.feature_utils import get_hf_features_from_features
 from lerobot.datasets.io_utils import write_info, write_stats, write_tasks
+from lerobot.datasets.language import language_feature_info
 from lerobot.datasets.utils import DEFAULT_EPISODES_PATH
 from lerobot.utils.constants import DEFAULT_FEATURES
 
 from dataset_converters.columns import check_episode, check_features, frame_table
 from dataset_converters.episode_rows import EpisodeRow, episode_table
+from dataset_converters.language import language_column
 from dataset_converters.parquet_files import ParquetFiles
 from dataset_converters.stats import RunningStats, episode_stats
+from dataset_converters.subtasks import Subtask, check_subtasks
 from lerobot_lisa.errors import UserError
 
 _ROWS_PER_BLOCK = 200  # episodes whose metadata is held in memory before it is written
@@ -30,6 +33,7 @@ class Episode:
     task: str
     frames: Mapping[str, np.ndarray]  # feature name -> (T, *shape); shape (1,) may also be given as (T,)
     metadata: Mapping[str, int | float | str | None] = field(default_factory=dict)
+    subtasks: Sequence[Subtask] = ()  # kept where the layout has them
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class DatasetLayout:
     episode_columns: Mapping[str, pa.DataType] = field(default_factory=dict)  # type of each `Episode.metadata` key
     robot_type: str | None = None
     data_files_size_in_mb: int | None = None  # None: LeRobot's default, 100
+    subtasks: bool = False  # whether episodes have some, in LeRobot's language columns
 
 
 @dataclass(frozen=True)
@@ -86,10 +91,11 @@ class _DatasetWriter:
 
     def __init__(self, root: Path, layout: DatasetLayout) -> None:
         self._root, self._layout = root, layout
+        self._language = language_feature_info() if layout.subtasks else {}
         self._meta = LeRobotDatasetMetadata.create(
             repo_id=layout.repo_id,
             fps=layout.fps,
-            features=dict(layout.features),
+            features={**layout.features, **self._language},
             robot_type=layout.robot_type,
             root=root,
             use_videos=False,
@@ -106,7 +112,8 @@ class _DatasetWriter:
 
     def add(self, episode: Episode) -> None:
         length = check_episode(self._episodes, episode.task, episode.frames, self._layout.features)
-        columns = {**episode.frames, **self._bookkeeping(episode.task, length)}
+        numbers = {**episode.frames, **self._bookkeeping(episode.task, length)}
+        columns = {**numbers, **self._language_columns(episode, length)}
         place = self._data.write(frame_table(columns, self._meta.features, self._schema))
         self._block.append(
             EpisodeRow(
@@ -116,13 +123,21 @@ class _DatasetWriter:
                 first_frame=self._frames,
                 data_file=place,
                 metadata=episode.metadata,
-                stats=episode_stats(columns, self._meta.features),
+                stats=episode_stats(numbers, self._meta.features),
             )
         )
         self._episodes += 1
         self._frames += length
         if len(self._block) == _ROWS_PER_BLOCK:
             self._flush()
+
+    def _language_columns(self, episode: Episode, length: int) -> dict[str, pa.Array]:
+        if self._language:
+            check_subtasks(episode.subtasks, length, f"episode {self._episodes}: the subtasks")
+        times = (np.arange(length) / self._layout.fps).astype(np.float32)
+        return {
+            key: language_column(key, episode.subtasks, times, self._schema.field(key).type) for key in self._language
+        }
 
     def _bookkeeping(self, task: str, length: int) -> dict[str, np.ndarray]:
         """The five columns that LeRobot adds to every dataset, each (T,)."""

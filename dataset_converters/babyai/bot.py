@@ -8,6 +8,7 @@ import numpy as np
 from minigrid.utils.baby_ai_bot import BabyAIBot
 
 from dataset_converters.babyai.demonstration import GRID_SIZE, Demonstration
+from dataset_converters.subtasks import changes
 from lerobot_lisa.envs.babyai.levels import FastLevel
 
 Position = tuple[int, int]
@@ -16,15 +17,27 @@ _MOST_GOALS = 100  # new ones in a step; no success in 40 seeds of each level to
 
 
 class _Goals(list):
-    """The bot's stack of goals. Before some locked doors minigrid's bot pushes new ones for ever; here it gives up."""
+    """The bot's stack of goals. Before some locked doors minigrid's bot pushes new ones for ever; here it gives up.
+
+    Attributes:
+        served: The part of the instruction that the goal looked at last is for. A goal that is pushed is for the part
+            that the goal which pushes it is for, and the bot looks at a goal before it lets it push.
+    """
 
     new = 0  # in this step
+    served = ""
 
     def append(self, goal: Any) -> None:
         self.new += 1
         if self.new > _MOST_GOALS:
             raise RuntimeError("the bot finds no plan")
+        goal.part = self.served
         super().append(goal)
+
+    def __getitem__(self, place: Any) -> Any:
+        goal = super().__getitem__(place)
+        self.served = goal.part
+        return goal
 
 
 class DemonstrationBot(BabyAIBot):
@@ -35,6 +48,21 @@ class DemonstrationBot(BabyAIBot):
     def __init__(self, mission: FastLevel) -> None:
         super().__init__(mission)
         self.stack = _Goals(self.stack)
+
+    @property
+    def served(self) -> str:
+        """The part of the instruction that the action chosen last is for, such as "go to the red ball"."""
+        return self.stack.served
+
+    def _process_instr(self, instr: Any) -> None:
+        """Note of each of the first goals which part of the instruction it is for; later, "the" might have become "a".
+
+        Called for the whole instruction and, from within, for each part, which therefore is the first to be noted.
+        """
+        super()._process_instr(instr)
+        part = instr.surface(self.mission)
+        for goal in self.stack:
+            vars(goal).setdefault("part", part)
 
     def replan(self, action_taken: int | None = None) -> int:
         """Choose an action, knowing the one before."""
@@ -114,6 +142,7 @@ def demonstrate(level: FastLevel, name: str, seed: int) -> Demonstration | None:
     images: list[np.ndarray] = []
     directions: list[int] = []
     actions: list[int] = []
+    served: list[str] = []
     terminated = truncated = False
     reward = 0.0
     while not (terminated or truncated):
@@ -124,6 +153,7 @@ def demonstrate(level: FastLevel, name: str, seed: int) -> Demonstration | None:
         images.append(observation["image"])
         directions.append(observation["direction"])
         actions.append(int(action))
+        served.append(bot.served)
         observation, reward, terminated, truncated, _ = level.step(action)
     if not (terminated and reward > 0):  # terminated without reward: the wrong object
         return None
@@ -134,4 +164,5 @@ def demonstrate(level: FastLevel, name: str, seed: int) -> Demonstration | None:
         action=np.array(actions, np.int64),
         level=name,
         seed=seed,
+        subtasks=tuple(changes(served)),
     )

@@ -31,13 +31,15 @@ def describe_seeds(first_seed: int, seeds: Sequence[int]) -> str:
     return f"{first_seed} to {seeds[-1]}, {len(failed):,} failures left out{named}"
 
 
-def generated_card(level: str, first_seed: int, seeds: Sequence[int]) -> DatasetCard:
+def generated_card(level: str, first_seed: int, seeds: Sequence[int], subtasks: bool = False) -> DatasetCard:
     """Card of a dataset that the bot made; only seeds whose episode succeeded are in it."""
     lines = {
         "Level": level,
         "Generator": f"the bot of minigrid {version('minigrid')}; frames are what the agent sees before each action",
         "Seeds": f"{describe_seeds(first_seed, seeds)}; one episode each",
     }
+    if subtasks:
+        lines["Subtasks"] = "the part of the instruction that the bot serves, in `language_persistent`"
     title = f"Demonstrations of the BabyAI level {level} by a bot, with their instructions."
     return _card(title, lines, license_id="apache-2.0", url="https://minigrid.farama.org/environments/babyai/")
 

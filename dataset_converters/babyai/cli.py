@@ -24,6 +24,7 @@ def _parser() -> argparse.ArgumentParser:
     generate.add_argument("--episodes", required=True, type=int, help="successful episodes to keep")
     generate.add_argument("--first-seed", type=int, default=1_000_000, help="default 1000000; below is for evaluation")
     generate.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)")
+    generate.add_argument("--subtasks", action="store_true", help="store which part of the instruction the bot serves")
     generate.set_defaults(run=_generate)
 
     convert = commands.add_parser("convert", help="convert a demonstration file of the original BabyAI package")
@@ -51,9 +52,10 @@ def _generate(options: argparse.Namespace) -> None:
     started = time.monotonic()
     result = generate(
         GenerateSettings(
-            options.level, options.episodes, options.root, options.repo_id, options.first_seed, options.workers
+            options.level, options.episodes, options.root, options.repo_id, options.first_seed, options.workers,
+            options.subtasks,
         )
-    )
+    )  # fmt: skip
     from dataset_converters.babyai.cards import describe_seeds
 
     seeds = f"seeds {describe_seeds(options.first_seed, result.seeds)}"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dataset_converters.instructions import check_instruction
+from dataset_converters.subtasks import Subtask, check_subtasks
 from lerobot_lisa.errors import UserError
 
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
@@ -24,6 +25,7 @@ class Demonstration:
         action: int64 (T,), 0..6, see `ACTIONS`.
         level: name such as `GoToSeq`.
         seed: seed of the reset that made the episode, if known.
+        subtasks: which part of the instruction the bot serves, from which frame on; none if not known.
 
     Raises:
         UserError: if a field does not have its type, shape or range.
@@ -35,12 +37,14 @@ class Demonstration:
     action: np.ndarray
     level: str
     seed: int | None = None
+    subtasks: tuple[Subtask, ...] = ()
 
     def __post_init__(self) -> None:
         check_instruction(self.instruction, "the instruction")
         length = len(self.action)
         if length == 0:
             raise UserError("the episode has no steps")
+        check_subtasks(self.subtasks, length, "the subtasks")
         for name, dtype, shape, below in (
             ("grid", np.uint8, (length, GRID_SIZE), 256),
             ("direction", np.uint8, (length,), len(DIRECTIONS)),

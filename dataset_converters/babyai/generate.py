@@ -31,6 +31,7 @@ class GenerateSettings:
     repo_id: str
     first_seed: int = FIRST_TRAINING_SEED
     workers: int = 1
+    subtasks: bool = False  # whether the parts of instructions are stored that the bot serves
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ def generate(settings: GenerateSettings) -> GenerateResult:
     level = check_level(settings.level)
     check_run(settings.episodes, settings.workers, settings.first_seed)
     described = {"level": level, "first_seed": settings.first_seed, "seeds_per_shard": _SEEDS_PER_SHARD}
+    if settings.subtasks:
+        described["subtasks"] = True
     with staged(settings.root, described) as partial:
         shards = partial / "shards"
         shards.mkdir(exist_ok=True)
@@ -60,10 +63,10 @@ def generate(settings: GenerateSettings) -> GenerateResult:
         seeds: list[int] = []
         demonstrations = _first_successes(shards, level, ranges, settings.episodes, seeds)
         with progress(demonstrations, settings.episodes, "writing") as bar:
-            totals = write_dataset(
-                partial / "dataset", babyai_layout(settings.repo_id), to_episodes((demo, None) for demo in bar)
-            )
-        write_card(partial / "dataset", settings.repo_id, generated_card(level, settings.first_seed, seeds))
+            layout = babyai_layout(settings.repo_id, settings.subtasks)
+            totals = write_dataset(partial / "dataset", layout, to_episodes((demo, None) for demo in bar))
+        card = generated_card(level, settings.first_seed, seeds, settings.subtasks)
+        write_card(partial / "dataset", settings.repo_id, card)
     return GenerateResult(totals, seeds)
 
 

@@ -70,9 +70,9 @@ EPISODE_COLUMNS = {"level": pa.string(), "seed": pa.int64(), "source_index": pa.
 """Columns of meta/episodes beyond LeRobot's own. `seed` is null for converted files, `source_index` for generated."""
 
 
-def babyai_layout(repo_id: str) -> DatasetLayout:
-    """Layout of every BabyAI dataset, whatever its level and origin."""
-    return DatasetLayout(repo_id, FPS, FEATURES, EPISODE_COLUMNS)
+def babyai_layout(repo_id: str, subtasks: bool = False) -> DatasetLayout:
+    """Layout of every BabyAI dataset, whatever its level and origin; `subtasks`: with the parts of its instructions."""
+    return DatasetLayout(repo_id, FPS, FEATURES, EPISODE_COLUMNS, subtasks=subtasks)
 
 
 def to_episodes(demonstrations: Iterable[tuple[Demonstration, int | None]]) -> Iterator[Episode]:
@@ -86,4 +86,5 @@ def to_episodes(demonstrations: Iterable[tuple[Demonstration, int | None]]) -> I
                 "action": demo.action,
             },
             metadata={"level": demo.level, "seed": demo.seed, "source_index": source_index},
+            subtasks=demo.subtasks,
         )

@@ -11,6 +11,7 @@ from dataset_converters.babyai.bot import demonstrate
 from dataset_converters.babyai.demonstration import GRID_SIZE, Demonstration
 from dataset_converters.seeds import SeedRange
 from dataset_converters.shard_files import is_complete, load_arrays, save_arrays, shard_path
+from dataset_converters.subtasks import Subtask
 from lerobot_lisa.envs.babyai.levels import FastLevel, make_level
 
 
@@ -49,6 +50,7 @@ def load_shard(path: Path, level: str) -> Iterator[Demonstration]:
     """The demonstrations of a shard, in the order of their seeds."""
     columns = load_arrays(path)
     ends = np.cumsum(columns["length"])
+    subtasks = _subtasks(columns)
     for i, (start, end) in enumerate(zip(ends - columns["length"], ends, strict=True)):
         yield Demonstration(
             instruction=str(columns["instruction"][i]),
@@ -57,10 +59,24 @@ def load_shard(path: Path, level: str) -> Iterator[Demonstration]:
             action=columns["action"][start:end].astype(np.int64),
             level=level,
             seed=int(columns["seed"][i]),
+            subtasks=subtasks[i],
         )
 
 
+def _subtasks(columns: dict[str, np.ndarray]) -> list[tuple[Subtask, ...]]:
+    """Those of each demonstration; none in shards of a run that an earlier version began."""
+    if "subtasks" not in columns:
+        return [()] * len(columns["seed"])
+    frames, texts = columns["subtask_frame"].tolist(), columns["subtask_text"].tolist()
+    ends = np.cumsum(columns["subtasks"])
+    return [
+        tuple(map(Subtask, frames[start:end], texts[start:end]))
+        for start, end in zip(ends - columns["subtasks"], ends, strict=True)
+    ]
+
+
 def _save(path: Path, demos: list[Demonstration]) -> None:
+    subtasks = [subtask for demo in demos for subtask in demo.subtasks]
     save_arrays(
         path,
         seed=np.array([demo.seed for demo in demos], np.int64),
@@ -69,4 +85,7 @@ def _save(path: Path, demos: list[Demonstration]) -> None:
         grid=np.concatenate([np.empty((0, GRID_SIZE), np.uint8), *(demo.grid for demo in demos)]),
         direction=np.concatenate([np.empty(0, np.uint8), *(demo.direction for demo in demos)]),
         action=np.concatenate([np.empty(0, np.uint8), *(demo.action.astype(np.uint8) for demo in demos)]),
+        subtasks=np.array([len(demo.subtasks) for demo in demos], np.int64),
+        subtask_frame=np.array([subtask.frame for subtask in subtasks], np.int64),
+        subtask_text=np.array([subtask.text for subtask in subtasks], np.str_),
     )

@@ -2,6 +2,9 @@
 
 import hashlib
 import json
+import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +19,7 @@ from lerobot.datasets.compute_stats import compute_episode_stats
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from dataset_converters.stats import numeric_stats
+from dataset_converters.subtasks import Subtask
 from dataset_converters.writer import DatasetLayout, Episode, write_dataset
 from lerobot_lisa.errors import UserError
 
@@ -307,3 +311,30 @@ def test_instructions_that_are_no_line_of_text_are_refused(tmp_path, task, messa
 def test_instructions_in_any_script_are_kept(tmp_path, task):
     write_dataset(tmp_path / "d", LAYOUT, [Episode(task, random_episodes([1])[0].frames)])
     assert list(LeRobotDataset("me/random", root=tmp_path / "d").meta.tasks.index) == [task]
+
+
+def test_subtasks_of_an_episode_are_refused_where_they_do_not_fit(tmp_path: Path) -> None:
+    layout = replace(LAYOUT, subtasks=True)
+    for subtasks, said in (
+        ([Subtask(1, "open"), Subtask(0, "go")], "episode 0: the subtasks begin at frames [1, 0] of 5"),
+        ([Subtask(5, "open")], "begin at frames [5] of 5: let them begin one after another"),
+        ([Subtask(0, "")], "episode 0: the subtasks: the one of frame 0 is ''"),
+    ):
+        episodes = [replace(random_episodes([5])[0], subtasks=subtasks)]
+        with pytest.raises(UserError, match=re.escape(said)):
+            write_dataset(tmp_path / "data", layout, episodes)
+        shutil.rmtree(tmp_path / "data")
+
+
+def test_shards_with_subtasks_merge(tmp_path: Path) -> None:
+    """LeRobot's own merging keeps them; an episode may have none."""
+    layout = replace(LAYOUT, subtasks=True)
+    told = [replace(episode, subtasks=[Subtask(0, "go"), Subtask(2, "open")]) for episode in random_episodes([5, 3])]
+    silent = random_episodes([4], seed=1)
+    for name, episodes in (("a", told), ("b", silent)):
+        write_dataset(tmp_path / name, layout, episodes)
+    roots = [tmp_path / "a", tmp_path / "b"]
+    aggregate_datasets(["me/random"] * 2, "me/random", roots=roots, aggr_root=tmp_path / "both")
+    merged = LeRobotDataset("me/random", root=tmp_path / "both")
+    counts = [len(merged[frame]["language_persistent"]) for frame in range(len(merged))]
+    assert counts == [2] * 8 + [0] * 4
