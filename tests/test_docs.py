@@ -30,6 +30,7 @@ PROGRAMS = {
     "lisa-rollout": RolloutConfig,
     "lisa-diagnose": HeardConfig,
     "lisa-unseen": UnseenConfig,
+    "lerobot_lisa.analysis.annotations": "__main__:AnnotationsConfig",
     "lerobot_lisa.analysis.skills": "__main__:SkillsConfig",
     "lerobot_lisa.analysis.success": "__main__:SuccessConfig",
     "lerobot_lisa.analysis.training": "__main__:TrainingConfig",

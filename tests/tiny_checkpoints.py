@@ -7,7 +7,7 @@ from typing import Any
 from lerobot.configs import PreTrainedConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.factory import make_policy, make_pre_post_processors
-from torch.utils.data import default_collate
+from lerobot.utils.collate import lerobot_collate_fn
 
 import lerobot_lisa  # noqa: F401  registers the policies
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
@@ -26,7 +26,7 @@ def checkpoint(root: Path, folder: Path, config: PreTrainedConfig) -> Path:
     pipelines = make_pre_post_processors(config, dataset_stats=dataset.meta.stats)
     policy.train()
     policy.forward(
-        pipelines[0](default_collate([dataset[start] for start in dataset.meta.episodes["dataset_from_index"]]))
+        pipelines[0](lerobot_collate_fn([dataset[start] for start in dataset.meta.episodes["dataset_from_index"]]))
     )
     for part in (policy, *pipelines):
         part.save_pretrained(folder)

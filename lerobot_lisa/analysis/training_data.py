@@ -28,11 +28,13 @@ class TrainingData:
         instructions: All different ones; None: not known.
         action_names: Of the classes or numbers of an action; None: not known.
         note: One sentence that says where this is from, or why there is nothing.
+        annotated: Where the dataset is, if it is annotated with language; None: it is not, or not known.
     """
 
     instructions: set[str] | None
     action_names: list[str] | None
     note: str
+    annotated: DatasetOptions | None = None
 
 
 def find(checkpoint: str, root: Path | None = None, revision: str | None = None) -> TrainingData:
@@ -86,6 +88,7 @@ def _read(root: Path, named: dict[str, Any]) -> TrainingData:
 
 def _read_metadata(root: Path, named: dict[str, Any]) -> TrainingData:
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.datasets.language import LANGUAGE_PERSISTENT
 
     meta = LeRobotDatasetMetadata(named.get("repo_id") or root.name, root=root)
     chosen = named.get("episodes")  # training may have used some episodes only
@@ -93,4 +96,6 @@ def _read_metadata(root: Path, named: dict[str, Any]) -> TrainingData:
     instructions = {str(task) for task in listed}
     names = meta.features.get("action", {}).get("names")
     note = f"Training data: {root}, {len(instructions):,} different instructions."
-    return TrainingData(instructions, list(names["classes"] if isinstance(names, dict) else names or []) or None, note)
+    action_names = list(names["classes"] if isinstance(names, dict) else names or []) or None
+    annotated = DatasetOptions(root, meta.repo_id) if LANGUAGE_PERSISTENT in meta.features else None
+    return TrainingData(instructions, action_names, note, annotated)

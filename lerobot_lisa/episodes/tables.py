@@ -14,7 +14,7 @@ from lerobot_lisa.errors import UserError
 Array = NDArray[Any]
 
 
-def tables(root: Path, names: Sequence[str]) -> Iterator[tuple[Path, pa.Table]]:
+def tables(root: Path, names: Sequence[str], rows: int = 65_536) -> Iterator[tuple[Path, pa.Table]]:
     """Columns of all frames with the files they are from, so many rows at a time that memory does not matter.
 
     Raises:
@@ -23,7 +23,7 @@ def tables(root: Path, names: Sequence[str]) -> Iterator[tuple[Path, pa.Table]]:
     for path in sorted((root / "data").rglob("*.parquet")):
         check_columns(path, names)
         with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(batch_size=65_536, columns=list(names)):
+            for batch in file.iter_batches(batch_size=rows, columns=list(names)):
                 yield path, pa.Table.from_batches([batch])
 
 

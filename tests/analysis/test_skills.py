@@ -12,9 +12,10 @@ from tiny_checkpoints import CODES, HORIZON
 from torch.utils.data import default_collate
 
 from lerobot_lisa.analysis.drawing import styled, write
+from lerobot_lisa.analysis.recording.demonstrations import ask, load
 from lerobot_lisa.analysis.recording.evaluation import CheckpointConfig, load_config
 from lerobot_lisa.analysis.skills import words
-from lerobot_lisa.analysis.skills.__main__ import ask, load, main
+from lerobot_lisa.analysis.skills.__main__ import main
 from lerobot_lisa.analysis.skills.words import SkillWords, count_words, normalise, top_words
 from lerobot_lisa.errors import UserError
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lerobot_lisa.analysis.listening import heard_figure as listening
 from lerobot_lisa.analysis.listening.heard import Runs
-from lerobot_lisa.analysis.material import Material
+from lerobot_lisa.analysis.material import Answer, Material
 from lerobot_lisa.analysis.report.page import FIGURES, draw, render
 from lerobot_lisa.analysis.skills import answers as skills
 from lerobot_lisa.analysis.success import breakdown as success
@@ -15,13 +15,16 @@ _POLICIES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
 _WORLDS = {"babyai": "BabyAI", "lorel": "LOReL"}
 
 
-def build(folder: Path, material: Material, runs: Runs | None = None) -> list[tuple[str, str, str]]:
+def build(
+    folder: Path, material: Material, runs: Runs | None = None, annotated: Answer | None = None
+) -> list[tuple[str, str, str]]:
     """Write `report.html` and `figures/` into a folder.
 
     Args:
         folder: Exists.
         material: The evaluation.
         runs: The same episodes told otherwise; None: whether it listens was not asked.
+        annotated: About skills and the subtasks of the training data; None: those have none.
 
     Returns:
         The numbers at the top of the page: name, number, what it means.
@@ -30,7 +33,9 @@ def build(folder: Path, material: Material, runs: Runs | None = None) -> list[tu
         UserError: A library is missing.
     """
     listens = [] if runs is None else [listening.answer(runs, material.sample)]
-    sections = draw([success.answer(material), *listens, *skills.answers(material)], folder / FIGURES)
+    beside = [] if annotated is None else [annotated]
+    answers = [success.answer(material), *listens, *skills.answers(material), *beside]
+    sections = draw(answers, folder / FIGURES)
     numbers = [number for section in sections for number in section.answer.numbers]
     page = render(
         sections, title=_title(material), subtitle=_subtitle(material), key_numbers=numbers, origin=_origin(material)

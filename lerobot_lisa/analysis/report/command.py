@@ -12,10 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lerobot_lisa.analysis import training_data
+from lerobot_lisa.analysis.annotations import answer as annotations
+from lerobot_lisa.analysis.annotations.compare import Settings, compare
 from lerobot_lisa.analysis.commands import check_number, run_command
 from lerobot_lisa.analysis.listening import heard
-from lerobot_lisa.analysis.material import PERMUTATIONS, Material
+from lerobot_lisa.analysis.material import PERMUTATIONS, Answer, Material
 from lerobot_lisa.analysis.recording import frames, looks
+from lerobot_lisa.analysis.recording.demonstrations import open_dataset
 from lerobot_lisa.analysis.recording.environment import Watcher
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
 from lerobot_lisa.analysis.recording.frames import FrameCollector
@@ -24,9 +27,10 @@ from lerobot_lisa.analysis.recording.record import NOTE, locked, record
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.report.build import FIGURES, PAGE, build
 from lerobot_lisa.analysis.skills.sheets import check_font
-from lerobot_lisa.analysis.training_data import DatasetOptions
+from lerobot_lisa.analysis.training_data import DatasetOptions, TrainingData
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
 TRACE, LISTENING = "trace", "listening"
 
@@ -48,6 +52,9 @@ class ReportConfig(EvaluationConfig):
     examples: int = 2
     """Strips of frames for each skill, 0 for none."""
 
+    annotated_episodes: int = 1000
+    """Episodes of the training data whose subtasks are compared with the skills, where they are annotated; 0: none."""
+
     permutations: int = PERMUTATIONS
     """How often instructions are dealt to other episodes, to see what chance gives."""
 
@@ -58,6 +65,7 @@ class ReportConfig(EvaluationConfig):
         """Refuse what cannot work."""
         super().__post_init__()
         check_number("examples", self.examples, 0, 100)
+        check_number("annotated_episodes", self.annotated_episodes, 0, 10_000_000)
         check_number("permutations", self.permutations, 20, 100_000)
         if self.font is not None:
             check_font(self.font)
@@ -80,8 +88,10 @@ def report(config: ReportConfig) -> None:
     runs = heard.measure(config, config.output_dir / LISTENING, own=trace) if config.listening else None
     examples = frames.read(config.output_dir / TRACE, config.examples)
     looked = looks.read(config.output_dir / TRACE)
+    annotated = _annotated(config, data)
     with locked(config.output_dir / TRACE), _building(config.output_dir) as folder:
-        numbers = build(folder, Material(trace, data, examples, looked, config.permutations, config.font), runs)
+        material = Material(trace, data, examples, looked, config.permutations, config.font)
+        numbers = build(folder, material, runs, annotated)
         _move_in_place(folder, config.output_dir)
     for name, number, meaning in numbers:
         print(f"{name}: {number} ({meaning})")
@@ -104,6 +114,18 @@ def _record(config: ReportConfig) -> Trace:
     if config.examples and horizon is not None:
         watchers.append(FrameCollector(folder, horizon, config.examples))
     return record(config, folder, watchers)
+
+
+def _annotated(config: ReportConfig, data: TrainingData) -> Answer | None:
+    """What is to be said of skills and the subtasks of the training data; None where there are none or no codes."""
+    coded = isinstance(config.policy, LisaConfig) and config.policy.n_codes
+    if data.annotated is None or data.annotated.root is None or not coded or not config.annotated_episodes:
+        return None
+    settings = Settings(config.annotated_episodes, config.permutations)
+    try:
+        return annotations.answer(compare(config, open_dataset(data.annotated.root, data.annotated.repo_id), settings))
+    except UserError as error:  # other annotations, or other names of features: no reason to be without a report
+        return Answer(annotations.NAME, annotations.TITLE, f"Skills were not compared with annotations. {error}.")
 
 
 @contextmanager
