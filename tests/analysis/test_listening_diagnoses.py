@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from lerobot_lisa.analysis.listening import affordance, reactions, rephrase, swap
+from lerobot_lisa.analysis.listening.affordance_figure import affordance_plot
 from lerobot_lisa.analysis.listening.command import main
 from lerobot_lisa.analysis.listening.meanings import MEANINGS, OTHER_OBJECT, OTHER_VERB, SAME, instructions_about
 from lerobot_lisa.analysis.listening.swap import ToldRun
@@ -181,6 +182,10 @@ def test_affordance_on_known_answers() -> None:
     lines = list(affordance.lines(trace))
     assert lines[-2].split()[0] == "5/6"
     assert lines[-1].split()[0] == "0/3"
+    drawn = affordance_plot(found, "7 drawer", affordance.READING, "3 starts")
+    dots = [line for line in drawn.figure.axes[0].lines if str(line.get_label()).startswith("chosen first")]
+    assert [line.get_xdata()[0] for line in dots] == pytest.approx([200 / 3, 100, 0])
+    assert drawn.table is found
 
 
 # The commands, on tiny policies in the real environments.
@@ -225,6 +230,7 @@ def test_affordance(
     rows = pd.read_csv(tmp_path / "out" / "affordance.csv")
     assert len(rows) == 16
     assert rows["first"].iloc[0] >= 1
+    assert (tmp_path / "out" / "affordance.png").read_bytes().startswith(b"\x89PNG")
     assert affordance.READING in capsys.readouterr().out
 
 

@@ -18,6 +18,7 @@ from lerobot_lisa.analysis.commands import run_command
 from lerobot_lisa.analysis.drawing import styled, write
 from lerobot_lisa.analysis.files import write_csv, write_json
 from lerobot_lisa.analysis.listening import affordance, heard, rephrase, swap
+from lerobot_lisa.analysis.listening.affordance_figure import affordance_plot
 from lerobot_lisa.analysis.listening.heard_figure import heard_plot
 from lerobot_lisa.analysis.listening.other_words import OTHER, TOLD
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
@@ -32,7 +33,7 @@ class DiagnosisConfig(EvaluationConfig):
     """Episodes of each task."""
 
     output_dir: Path = field(default_factory=lambda: Path("outputs/diagnosis"))
-    """For the numbers as CSV, and the traces; what an equal earlier run has done is used."""
+    """For the numbers as CSV, figures, and the traces; what an equal earlier run has done is used."""
 
 
 @dataclass(kw_only=True)
@@ -86,8 +87,12 @@ def diagnose_swap(config: DiagnosisConfig) -> None:
 def diagnose_affordance(config: DiagnosisConfig) -> None:
     """Say everything about one scene."""
     trace = affordance.measure(config)
-    rows = affordance.table(trace, affordance.own_code(trace))
-    _report(config, "affordance", rows, affordance.lines(trace), affordance.READING)
+    code = affordance.own_code(trace)
+    rows = affordance.table(trace, code)
+    sample = f"same starts for each, seeds {config.seed} to {config.seed + config.n_episodes - 1}"
+    with styled():
+        write(affordance_plot(rows, trace.code_labels[code], affordance.READING, sample), config.output_dir)
+    print(*affordance.lines(trace), affordance.READING, config.output_dir / "affordance.png", sep="\n")
 
 
 def diagnose_rephrase(config: DiagnosisConfig) -> None:
