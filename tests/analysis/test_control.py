@@ -116,7 +116,14 @@ def test_a_matrix_of_tasks_and_codes(
 ) -> None:
     assert rollout(monkeypatch, lisa, output, "--skill=all", "--n_episodes=1") == 0
 
-    assert {path.suffix for path in output.glob("skill_matrix.*")} == {".png", ".pdf", ".csv"}
+    for name in ("skill_matrix", "skill_starts"):
+        assert {path.suffix for path in output.glob(f"{name}.*")} == {".png", ".pdf", ".csv"}
+    starts = pd.read_csv(output / "skill_starts.csv", dtype={"code": str})
+    assert list(starts.columns) == ["task", "seed", "success", "code"]
+    assert set(starts["seed"]) == {1000}
+    followed = {path.name: traces.read(path).episodes["success"].item() for path in sorted(output.glob("skill_*/"))}
+    said = {f"skill_{row.code.split()[0]}": row.success for row in starts.itertuples()}
+    assert said == followed
     table = pd.read_csv(output / "skill_matrix.csv", dtype={"code": str})
     assert [label.split()[0] for label in table["code"]] == ["own", *map(str, range(CODES))]
     assert set(table["episodes"]) == {1}
@@ -158,6 +165,23 @@ def test_the_matrix_has_random_actions_beside_the_policys_own_codes() -> None:
     assert [label.get_text() for label in heat.get_yticklabels()] == ["open", "shut"]
     assert heat.images[0].get_array().tolist() == [[50, 5, 20], [90, 60, 95]]
     assert list(matrix.said(table))[1].startswith("shut: best alone is code 0, 95.0 %")
+
+
+def test_every_start_has_a_row_in_the_order_in_which_it_was_run() -> None:
+    rows = [
+        (task, seed, task == code or (code == "own" and seed == 1001), code)
+        for code in ("own", "shut", "open")
+        for task in ("open", "shut")
+        for seed in (1000, 1001)
+    ]
+    drawn = matrix.starts_plot(pd.DataFrame(rows, columns=["task", "seed", "success", "code"]), "n = 2")
+
+    heat = drawn.figure.axes[0]
+    assert [label.get_text() for label in heat.get_xticklabels()] == ["own", "shut", "open"]
+    assert [label.get_text() for label in heat.get_yticklabels()] == [
+        "open, seed 1000", "open, seed 1001", "shut, seed 1000", "shut, seed 1001"
+    ]  # fmt: skip
+    assert heat.images[0].get_array().tolist() == [[0, 0, 1], [1, 0, 1], [0, 1, 0], [1, 1, 0]]
 
 
 @pytest.mark.parametrize(

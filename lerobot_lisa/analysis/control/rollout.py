@@ -86,14 +86,15 @@ def run(config: RolloutConfig) -> None:
 
 
 def _run_matrix(config: RolloutConfig) -> None:
-    table = matrix.measure(config)
+    measured = matrix.measure(config)
     sample = f"n = {config.n_episodes} each, seeds {config.seed} to {config.seed + config.n_episodes - 1}"
-    drawn = matrix.matrix_plot(table, sample)
-    with drawing.styled():
-        drawing.write(drawn, config.output_dir)
-    print(*matrix.said(table), sep="\n")
-    print(drawn.reading)
-    print(config.output_dir / f"{drawn.name}.png")
+    drawn = [matrix.matrix_plot(measured.tasks, sample), matrix.starts_plot(measured.starts, sample)]
+    print(*matrix.said(measured.tasks), sep="\n")
+    for plot in drawn:
+        with drawing.styled():
+            drawing.write(plot, config.output_dir)
+        print(plot.reading)
+        print(config.output_dir / f"{plot.name}.png")
 
 
 def summary(trace: Trace) -> Iterator[str]:
