@@ -16,6 +16,7 @@ from lerobot_lisa.analysis.recording.demonstrations import ask, load
 from lerobot_lisa.analysis.recording.evaluation import CheckpointConfig, load_config
 from lerobot_lisa.analysis.skills import words
 from lerobot_lisa.analysis.skills.__main__ import main
+from lerobot_lisa.analysis.skills.sheets import clouds_plot
 from lerobot_lisa.analysis.skills.words import SkillWords, count_words, normalise, top_words
 from lerobot_lisa.errors import UserError
 
@@ -109,6 +110,18 @@ def test_checkpoints_and_data_that_do_not_fit_are_refused(
         load(checkpoint(lisa), LeRobotDataset("local/tiny", root=continuous))
 
 
+def test_every_skill_that_was_used_has_a_cloud() -> None:
+    """One code in four is never used, and has none."""
+    rng = np.random.default_rng(0)
+    counts = rng.integers(1, 9, (6, 40)) * (np.arange(40) % 4 > 0)
+    found = SkillWords(["red", "ball", "go", "to", "open", "door"], counts, [str(code) for code in range(40)])
+    with styled():
+        drawn = clouds_plot(found)
+    titles = [axes.get_title(loc="left") for axes in drawn.figure.axes if axes.axison or axes.images]
+    assert [title for title in titles if title] == [str(code) for code in range(40) if code % 4]
+    assert len(drawn.table) == 240
+
+
 def checkpoint(policy: Path) -> CheckpointConfig:
     return CheckpointConfig(policy=load_config(str(policy)))
 
@@ -124,7 +137,8 @@ def test_command_line(
 ) -> None:
     out = tmp_path / "out"
     assert run(monkeypatch, f"--policy.path={lisa}", f"--dataset.root={symbolic}", f"--output_dir={out}") == 0
-    *_, summary, _, by_skill, _, _ = capsys.readouterr().out.splitlines()
+    *_, summary, _, by_skill, _, _, clouds = capsys.readouterr().out.splitlines()
+    assert Path(clouds).read_bytes().startswith(b"\x89PNG")
     assert by_skill == str(out / "skill_words_by_skill.png")
     assert Path(by_skill).read_bytes().startswith(b"\x89PNG")
     assert f"of {CODES} codes used, perplexity" in summary

@@ -17,6 +17,7 @@ from lerobot_lisa.analysis.recording.demonstrations import DemonstrationsConfig,
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.skills import words
 from lerobot_lisa.analysis.skills.choices import Choices, choices
+from lerobot_lisa.analysis.skills.sheets import clouds_plot
 from lerobot_lisa.analysis.skills.words import SkillWords, count_words, top_words
 
 
@@ -25,7 +26,7 @@ class SkillsConfig(DemonstrationsConfig):
     """Which policy to ask about which demonstrations."""
 
     output_dir: Path = field(default_factory=lambda: Path("outputs/skill_words"))
-    """For the heat maps as PNG, PDF and CSV."""
+    """For heat maps and word clouds as PNG, PDF and CSV."""
 
 
 def main() -> int:
@@ -46,7 +47,8 @@ def run(config: SkillsConfig) -> None:
     made, found = count(ask(*loaded, dataset))
     print(*said(made, found), sep="\n")
     with styled():
-        for plot in words.plots(found, f"{root.name}, {made.episodes:,} episodes, {len(made.table):,} skill codes"):
+        maps = words.plots(found, f"{root.name}, {made.episodes:,} episodes, {len(made.table):,} skill codes")
+        for plot in (*maps, clouds_plot(found)):
             write(plot, config.output_dir)
             print(config.output_dir / f"{plot.name}.png")
 

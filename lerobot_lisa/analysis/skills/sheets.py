@@ -1,6 +1,7 @@
 """What one skill is: its words as a cloud, and strips of frames of what it does."""
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,14 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from lerobot_lisa.analysis.drawing import GREY, PAGE_WIDTH, Plot, clip, new_figure, shorten
+from lerobot_lisa.analysis.drawing import GREY, PAGE_WIDTH, Grid, Plot, clip, new_figure, shorten
 from lerobot_lisa.analysis.recording.frames import Example
 from lerobot_lisa.analysis.skills.words import SkillWords, contributions, lift, normalise
 from lerobot_lisa.errors import UserError
 
 CLOUD = (420, 300)  # pixels
 FRAME = 180  # pixels along the longer side of a frame
+CLOUDS_A_LINE, MOST_CLOUDS = 5, 100
 
 
 def skill_sheet(code: int, place: int, found: SkillWords, examples: Sequence[Example], font: Path | None) -> Plot:
@@ -47,6 +49,34 @@ def skill_sheet(code: int, place: int, found: SkillWords, examples: Sequence[Exa
     )
     table = table.sort_values("bits", ascending=False, kind="stable")
     return Plot(f"skill_{code:03d}", f"Skill {shorten(found.labels[place], 100)}", figure, table, reading)
+
+
+def clouds_plot(found: SkillWords, font: Path | None = None) -> Plot:
+    """The word clouds of all skills that were used, the first `MOST_CLOUDS` of `found`, side by side.
+
+    Raises:
+        UserError: The font is none, or wordcloud is not installed.
+    """
+    weights = contributions(found.counts)
+    used = np.flatnonzero(found.counts.sum(0))
+    shown = used[:MOST_CLOUDS]
+    lines = -(-max(1, len(shown)) // CLOUDS_A_LINE)
+    figure = new_figure(PAGE_WIDTH, 1.6 * lines)
+    for axes, place in zip_longest(figure.subplots(lines, CLOUDS_A_LINE, squeeze=False).ravel(), shown):
+        if place is None:
+            axes.set_axis_off()
+            continue
+        _draw_cloud(axes, dict(zip(found.words, weights[:, place], strict=True)), font)
+        axes.set_title(shorten(found.labels[place], 28), fontsize=8)
+    table = Grid(weights, found.words, found.labels, ("word", "skill code"), "bits").table(
+        bits=weights, count=found.counts
+    )
+    left_out = f" {len(used) - len(shown):,} more are in the CSV only." if len(used) > len(shown) else ""
+    reading = (
+        "Words that are more frequent with a skill than usual, larger the more they say about it. Good: few large "
+        "words that belong together, others than the neighbours'." + left_out
+    )
+    return Plot("skill_word_clouds", "Words of each skill that was used", figure, table, reading)
 
 
 def _draw_cloud(axes: Axes, weights: dict[str, float], font: Path | None) -> None:
