@@ -110,6 +110,18 @@ def test_checkpoints_and_data_that_do_not_fit_are_refused(
         load(checkpoint(lisa), LeRobotDataset("local/tiny", root=continuous))
 
 
+def test_the_papers_largest_codebook_fits_into_the_heat_maps() -> None:
+    counts = np.random.default_rng(0).integers(0, 9, (5, 120))
+    whole, cut = (SkillWords([*"abcde"], counts[:, :most], [str(code) for code in range(most)]) for most in (100, 120))
+    with styled():
+        drawn = {len(found.labels): next(words.plots(found, "1,000 episodes")) for found in (whole, cut)}
+    assert drawn[100].figure.axes[0].images[0].get_array().shape == (5, 100)
+    assert "Shown:" not in drawn[100].reading
+    assert drawn[120].figure.axes[0].images[0].get_array().shape == (5, 100)
+    assert "the 100 most frequent of 120 skills" in drawn[120].reading
+    assert len(drawn[120].table) == 600
+
+
 def test_every_skill_that_was_used_has_a_cloud() -> None:
     """One code in four is never used, and has none."""
     rng = np.random.default_rng(0)

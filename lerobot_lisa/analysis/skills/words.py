@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_lisa.analysis.drawing import MOST_CODES, Grid, Plot, heat_map
+from lerobot_lisa.analysis.drawing import Grid, Plot, heat_map
 
 Counts = NDArray[np.int64]
 Numbers = NDArray[np.float64]
 MOST_WORDS = 60
 """Rows of a heat map; more cannot be read."""
+MOST_SKILLS = 100
+"""Columns of a heat map: the paper's largest codebook."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def plots(found: SkillWords, sample: str) -> Iterator[Plot]:
         return
     rows, everything = notable(found.counts), _measures(found)
     cut = [f"the {len(rows)} most telling of {len(found.words):,} words"] * (len(rows) < len(found.words))
-    skills = found.labels[:MOST_CODES]
+    skills = found.labels[:MOST_SKILLS]
     cut += [f"the {len(skills)} most frequent of {len(found.labels):,} skills"] * (len(skills) < len(found.labels))
     whose = f" Shown: {' and '.join(cut)}; the CSV has all." if cut else ""
     for measure, (name, title, unit, reading) in _MAPS.items():
