@@ -18,8 +18,8 @@ os.environ.setdefault("HF_HUB_OFFLINE", "1")
 
 from dataset_converters.lorel.collect import CollectSettings, collect
 from dataset_converters.lorel.random_play import play
+from lerobot_lisa.envs.gl import choose_gl
 from lerobot_lisa.envs.lorel.camera import QUALITIES, Camera
-from lerobot_lisa.envs.lorel.gl import choose_gl
 from lerobot_lisa.envs.lorel.scene import engine
 from lerobot_lisa.envs.lorel.simulator import LorelSimulator
 

@@ -16,8 +16,8 @@ from dataset_converters.seeds import FIRST_TRAINING_SEED, SeedRange, check_run, 
 from dataset_converters.staging import staged
 from dataset_converters.workers import progress, results_in_order, worker_pool
 from dataset_converters.writer import DatasetTotals, write_dataset
+from lerobot_lisa.envs.gl import choose_gl
 from lerobot_lisa.envs.lorel.camera import check_quality
-from lerobot_lisa.envs.lorel.gl import choose_gl
 from lerobot_lisa.envs.lorel.scene import check_arm, engine
 
 _SEEDS_PER_SHARD = 25

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from dataset_converters.lorel.episode import LorelEpisode
-from lerobot_lisa.envs.lorel.gl import mujoco
+from lerobot_lisa.envs.engine import mujoco
 from lerobot_lisa.envs.lorel.labels import describe
 from lerobot_lisa.envs.lorel.scene import build_model, engine
 from lerobot_lisa.envs.lorel.simulator import LorelSimulator

@@ -16,7 +16,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lerobot_lisa.envs.lorel.gl import mujoco, no_gl
+from lerobot_lisa.envs.engine import mujoco
+from lerobot_lisa.envs.gl import no_gl
 from lerobot_lisa.envs.lorel.scene import build_model
 from lerobot_lisa.envs.options import one_of, whole_number
 from lerobot_lisa.errors import UserError
@@ -133,7 +134,7 @@ class Camera:
                 raise RuntimeError("MuJoCo cannot load it")
             renderer = mujoco.Renderer(self._model, self._size, self._size)
         except Exception as error:  # whatever OpenGL's bindings throw
-            Camera._why_none_opens = no_gl(error)
+            Camera._why_none_opens = no_gl(error, "the tabletop", "--env.obs_type=state")
             raise UserError(Camera._why_none_opens) from error
         finally:
             quality.offsamples = samples

@@ -9,7 +9,7 @@ from string import Template
 from types import MappingProxyType
 from xml.sax.saxutils import escape
 
-from lerobot_lisa.envs.lorel.gl import mujoco
+from lerobot_lisa.envs.engine import mujoco
 from lerobot_lisa.envs.lorel.installation import INSTALL
 from lerobot_lisa.envs.options import one_of
 from lerobot_lisa.errors import UserError

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lerobot_lisa.envs.lorel.gl import mujoco
+from lerobot_lisa.envs.engine import mujoco
 from lerobot_lisa.envs.lorel.scene import ARMS, build_model
 from lerobot_lisa.envs.lorel.state import BLACK_X, BLACK_Y, DRAWER, FAUCET, WHITE_X
 

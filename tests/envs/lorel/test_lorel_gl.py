@@ -7,7 +7,7 @@ import sys
 import drawing
 import pytest
 
-from lerobot_lisa.envs.lorel import gl
+from lerobot_lisa.envs import gl
 
 FIRST_IMPORTS = (
     "lerobot_lisa.envs.lorel.scene",
@@ -78,11 +78,13 @@ def test_libraries_that_are_not_there_are_no_error(monkeypatch: pytest.MonkeyPat
 def test_what_to_do_when_nothing_can_draw(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(gl, "_find_backend", lambda: "")
-    nothing = gl.no_gl(RuntimeError("no\ndisplay"))
+    said = ("the tabletop", "--env.obs_type=state")
+    nothing = gl.no_gl(RuntimeError("no\ndisplay"), *said)
     assert nothing.startswith("cannot draw the tabletop (MUJOCO_GL is not set: no display): install EGL (apt-get")
     assert "OSMesa (apt-get install libosmesa6)" in nothing
+    assert nothing.endswith("or use states only (--env.obs_type=state)")
     monkeypatch.setattr(gl, "_find_backend", lambda: "egl")
-    assert gl.no_gl(RuntimeError("late")).endswith("late): set MUJOCO_GL=egl before mujoco is imported")
+    assert gl.no_gl(RuntimeError("late"), *said).endswith("late): set MUJOCO_GL=egl before mujoco is imported")
 
 
 @pytest.mark.slow
