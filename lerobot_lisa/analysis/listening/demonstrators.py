@@ -43,7 +43,19 @@ def _babyais_bot(env: Any, episodes: pd.DataFrame, folder: Path) -> pd.Series:
     return pd.Series(steps, pd.MultiIndex.from_frame(episodes[KEY]), dtype=float)
 
 
-_DEMONSTRATORS: dict[str, Callable[[EnvConfig, pd.DataFrame, Path], pd.Series]] = {"babyai": _babyais_bot}
+def _metaworlds_experts(env: EnvConfig, episodes: pd.DataFrame, folder: Path) -> pd.Series:
+    from lerobot_lisa.analysis.listening import metaworld
+
+    wanted = [(metaworld.task_of(row.group, row.task_id), int(row.seed)) for row in episodes.itertuples()]
+    known = _Notes(folder / _FILE, {name: version(name) for name in ("metaworld", "mujoco")})
+    steps = known.look_up(wanted, metaworld.demonstrator_steps)
+    return pd.Series(steps, pd.MultiIndex.from_frame(episodes[KEY]), dtype=float)
+
+
+_DEMONSTRATORS: dict[str, Callable[[EnvConfig, pd.DataFrame, Path], pd.Series]] = {
+    "babyai": _babyais_bot,
+    "metaworld": _metaworlds_experts,
+}
 
 
 class _Notes:

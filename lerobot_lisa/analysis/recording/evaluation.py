@@ -1,5 +1,6 @@
 """What to evaluate, as `lerobot-eval` takes it, and one batch of episodes run by LeRobot's own code and recorded."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy, deepcopy
@@ -8,13 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
-from lerobot.configs import PreTrainedConfig, parser
+from lerobot.configs import FeatureType, PreTrainedConfig, parser
 from lerobot.envs.configs import EnvConfig
 
 from lerobot_lisa.analysis.commands import check_number
 from lerobot_lisa.analysis.recording.environment import Batch, Insight, Looks, RecordingEnv, Watcher
 from lerobot_lisa.analysis.recording.traces import EPISODES, KEY
 from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
+from lerobot_lisa.envs.gl import choose_gl
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
@@ -137,9 +139,9 @@ def load(config: EvaluationConfig) -> Evaluation:
     Raises:
         UserError: The checkpoint or the environment cannot be used.
     """
-    from lerobot.envs import make_env, make_env_pre_post_processors
+    from lerobot.envs import make_env_pre_post_processors
 
-    envs = make_env(config.env, n_envs=config.batch_size, use_async_envs=config.use_async_envs)
+    envs = _make_envs(config)
     assert config.policy is not None  # refused by EvaluationConfig
     policy, preprocess, postprocess, _ = load_checkpoint(config.policy, config.env)
     before, after = make_env_pre_post_processors(env_cfg=config.env, policy_cfg=config.policy)
@@ -150,6 +152,27 @@ def load(config: EvaluationConfig) -> Evaluation:
         "postprocessor": postprocess,
     }
     return Evaluation(policy, envs, pipelines)
+
+
+def _make_envs(config: EvaluationConfig) -> Mapping[str, Mapping[int, Any]]:
+    """LeRobot's environments; those of worlds that are not ours may fail in any way."""
+    from lerobot.envs import make_env
+
+    choose_gl()  # without a display, worlds of MuJoCo fail where nobody has chosen
+    try:
+        envs = make_env(config.env, n_envs=config.batch_size, use_async_envs=config.use_async_envs)
+    except UserError:
+        raise
+    except Exception as error:
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        task = f" --env.task={config.env.task}" if config.env.task else ""
+        raise UserError(f"LeRobot cannot make --env.type={config.env.type}{task}: {said[:300]}") from error
+    shown = any(feature.type is FeatureType.VISUAL for feature in config.env.features.values())
+    if shown and "mujoco" in sys.modules:
+        from lerobot_lisa.envs.engine import check_drawing
+
+        check_drawing(config.env.type, "where --env.obs_type has them")
+    return envs
 
 
 def run_batch(
