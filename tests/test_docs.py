@@ -38,7 +38,7 @@ PROGRAMS = {
 }
 CHOICES = {
     "policy": [lerobot_lisa.LisaConfig, lerobot_lisa.LangDTConfig],
-    "env": [lerobot_lisa.BabyAIEnvConfig, lerobot_lisa.LorelEnvConfig],
+    "env": [lerobot_lisa.BabyAIEnvConfig, lerobot_lisa.LorelEnvConfig, lerobot_lisa.MetaworldStatesConfig],
 }
 BY_LEROBOT = {"policy.path", "policy.type", "env.type", "config_path", "help"}
 MADE = {"outputs", "data", "quickstart", "trace", "videos", "figures", "meta", "pretrained_model", "checkpoints"}

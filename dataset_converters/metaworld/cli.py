@@ -36,9 +36,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _collect(options: argparse.Namespace) -> None:
     check_output(options)
-    from dataset_converters.metaworld.tasks import find_tasks
+    from lerobot_lisa.envs.metaworld_states.tasks import find_tasks
 
-    tasks = find_tasks(options.tasks)
+    tasks = find_tasks(options.tasks, "--tasks")
     from dataset_converters.metaworld.cards import describe_seeds
     from dataset_converters.metaworld.collect import CollectSettings, collect
 
@@ -60,7 +60,7 @@ def _collect(options: argparse.Namespace) -> None:
 
 
 def _tasks(options: argparse.Namespace) -> None:
-    from dataset_converters.metaworld.tasks import instructions
+    from lerobot_lisa.envs.metaworld_states.tasks import instructions
 
     for task, instruction in instructions().items():
         print(f"{task:30}{instruction}")

@@ -9,8 +9,8 @@ from lerobot.envs.configs import MetaworldEnv
 from lerobot.utils.constants import ACTION, OBS_IMAGE, OBS_STATE
 
 from dataset_converters.metaworld.expert import MetaworldEpisode, engine
-from dataset_converters.metaworld.tasks import instructions
 from dataset_converters.writer import DatasetLayout, Episode
+from lerobot_lisa.envs.metaworld_states.tasks import instructions
 
 STATE_NAMES = ("x", "y", "z", "gripper")
 """Where the hand is, in metres, and how far the gripper is open, from 0 to 1."""

@@ -8,15 +8,15 @@ import numpy as np
 from lerobot_lisa.errors import UserError
 
 
-def names_in(task: object, what: str) -> list[str]:
-    """Names in `env.task`, separated by commas.
+def names_in(task: object, what: str, option: str = "env.task") -> list[str]:
+    """Names in `env.task`, or in another option, separated by commas.
 
     Raises:
         UserError: It is no text, or there is none.
     """
     names = [name.strip() for name in task.split(",") if name.strip()] if isinstance(task, str) else []
     if not names:
-        raise UserError(f"env.task is {task!r}: name {what}, or several separated by commas")
+        raise UserError(f"{option} is {task!r}: name {what}, or several separated by commas")
     return names
 
 

@@ -13,11 +13,15 @@ import pytest
 if find_spec("mujoco") is None or find_spec("metaworld") is None:
     pytest.skip("Meta-World is not installed", allow_module_level=True)
 
+import draccus
+from lerobot.configs.train import TrainPipelineConfig
+
 from lerobot_lisa.analysis.control import rollout
 from lerobot_lisa.analysis.listening import command as listening
 from lerobot_lisa.analysis.listening import metaworld
 from lerobot_lisa.envs import engine
 from lerobot_lisa.envs.engine import check_drawing
+from lerobot_lisa.envs.metaworld_states.tasks import find_tasks
 from lerobot_lisa.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +31,7 @@ STEPS = 3  # instead of 500: each takes a tenth of a second to draw
 SMALLER = {
     r"--tasks MT10 --episodes 50": f"--tasks {','.join(TASKS)} --episodes 1 --workers 1",
     r"--image-size 128": "--image-size 32",
-    r"configs/metaworld/mt10/lisa.yaml": r"\g<0> --policy.device=cpu --policy.dim_model=32 --steps=2 --batch_size=2 "
+    r"configs/metaworld/\w+/lisa.yaml": r"\g<0> --policy.device=cpu --policy.dim_model=32 --steps=2 --batch_size=2 "
     "--policy.quantizer_warmup_steps=1",
     r"--env.task=[\w,-]+": f"--env.task={','.join(TASKS)} --policy.device=cpu",
     r"n_episodes=\d+": "n_episodes=1",
@@ -76,7 +80,7 @@ def commands() -> list[str]:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_page_from_top_to_bottom(tmp_path: Path) -> None:
-    """In one process: nine programs that import LeRobot and MuJoCo once."""
+    """In one process: twelve programs that import LeRobot and MuJoCo once."""
     try:
         check_drawing("Meta-World", "--states-only")
     except UserError as error:
@@ -97,26 +101,23 @@ def test_the_page_from_top_to_bottom(tmp_path: Path) -> None:
     heard = json.loads((outputs / "diagnosis/mt10/heard.json").read_text())
     assert heard["rates"]["overall"]["heard"]["episodes"] == len(TASKS)
     assert heard["rates"]["overall"]["spl"]["episodes"] == len(TASKS)  # of those that the expert solves
+    unseen = json.loads((outputs / "diagnosis/mt10_states/heard.json").read_text())
+    assert unseen["rates"].keys() == heard["rates"].keys()
 
 
-def test_the_recipes_are_of_mt10_and_differ_in_the_policy_only() -> None:
-    import draccus
-    from lerobot.configs.train import TrainPipelineConfig
-
-    from dataset_converters.metaworld.tasks import find_tasks
-
+@pytest.mark.parametrize("folder", ["mt10", "mt10_states"])
+def test_the_recipes_are_of_mt10_and_differ_in_the_policy_only(folder: str) -> None:
     lisa, lang_dt = (
-        draccus.parse(TrainPipelineConfig, config_path=ROOT / f"configs/metaworld/mt10/{name}.yaml", args=[])
+        draccus.parse(TrainPipelineConfig, config_path=ROOT / f"configs/metaworld/{folder}/{name}.yaml", args=[])
         for name in ("lisa", "lang_dt")
     )
-    assert tuple(lisa.env.task.split(",")) == find_tasks("MT10")
+    assert find_tasks(lisa.env.task) == find_tasks("MT10")
     for name in ("batch_size", "steps", "seed", "dataset", "env"):
         assert getattr(lisa, name) == getattr(lang_dt, name), name
     for name in ("optimizer_lr", "scheduler", "dim_model", "language_encoder", "normalization_mapping", "action_head"):
         assert getattr(lisa.policy, name) == getattr(lang_dt.policy, name), name
     for recipe in (lisa, lang_dt):
-        page = f"--root {recipe.dataset.root} --repo-id {recipe.dataset.repo_id}"
-        assert page in PAGE
+        assert f"--root {recipe.dataset.root} --repo-id {recipe.dataset.repo_id}" in PAGE
 
 
 def test_a_task_that_is_none_is_one_line(
@@ -144,6 +145,4 @@ def test_a_machine_that_cannot_draw_is_one_line(
 
 
 def test_the_expert_is_who_steps_are_compared_with() -> None:
-    assert metaworld.task_of("easy", 8) == "door-open-v3"
-    assert metaworld.task_of("metaworld-reach-v3", 0) == "reach-v3"
     assert 20 <= (metaworld.demonstrator_steps("stick-push-v3", 1000) or 0) <= 60

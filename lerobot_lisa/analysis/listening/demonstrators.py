@@ -44,17 +44,19 @@ def _babyais_bot(env: Any, episodes: pd.DataFrame, folder: Path) -> pd.Series:
 
 
 def _metaworlds_experts(env: EnvConfig, episodes: pd.DataFrame, folder: Path) -> pd.Series:
-    from lerobot_lisa.analysis.listening import metaworld
+    from lerobot_lisa.analysis.listening.metaworld import demonstrator_steps
+    from lerobot_lisa.envs.metaworld_states.tasks import tasks_of
 
-    wanted = [(metaworld.task_of(row.group, row.task_id), int(row.seed)) for row in episodes.itertuples()]
+    wanted = [(tasks_of(row.group)[row.task_id], int(row.seed)) for row in episodes.itertuples()]
     known = _Notes(folder / _FILE, {name: version(name) for name in ("metaworld", "mujoco")})
-    steps = known.look_up(wanted, metaworld.demonstrator_steps)
+    steps = known.look_up(wanted, demonstrator_steps)
     return pd.Series(steps, pd.MultiIndex.from_frame(episodes[KEY]), dtype=float)
 
 
 _DEMONSTRATORS: dict[str, Callable[[EnvConfig, pd.DataFrame, Path], pd.Series]] = {
     "babyai": _babyais_bot,
     "metaworld": _metaworlds_experts,
+    "metaworld_states": _metaworlds_experts,
 }
 
 

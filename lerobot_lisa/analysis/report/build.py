@@ -12,7 +12,7 @@ from lerobot_lisa.analysis.success import breakdown as success
 
 PAGE = "report.html"
 _POLICIES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
-_WORLDS = {"babyai": "BabyAI", "lorel": "LOReL", "metaworld": "Meta-World"}
+_WORLDS = {"babyai": "BabyAI", "lorel": "LOReL", "metaworld": "Meta-World", "metaworld_states": "Meta-World"}
 
 
 def build(

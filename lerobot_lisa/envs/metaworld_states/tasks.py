@@ -7,6 +7,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from lerobot_lisa.envs.options import names_in
 from lerobot_lisa.errors import UserError
 
 _BENCHMARKS = ("MT10", "MT25", "MT50")
@@ -17,32 +18,40 @@ def instructions() -> Mapping[str, str]:
     return _lerobots_tasks()["TASK_DESCRIPTIONS"]
 
 
-def find_tasks(names: str) -> tuple[str, ...]:
-    """The tasks that are meant, each once, in order.
+def find_groups(names: str, option: str = "env.task") -> dict[str, list[str]]:
+    """The tasks that are meant, by what names them, in order.
 
     Args:
         names: Of benchmarks (`MT10`), of LeRobot's groups (`easy`) and of tasks (`reach-v3`), separated by commas.
+        option: Where they were given.
 
     Raises:
         UserError: There is no such name, or none at all.
     """
-    listed = [name.strip().removeprefix("metaworld-") for name in names.split(",") if name.strip()]
-    if not listed:
-        raise UserError(f"--tasks {names!r} names no task: give MT10, or names such as reach-v3, separated by commas")
-    return tuple(dict.fromkeys(task for name in listed for task in _named(name)))
+    return {name: tasks_of(name) for name in names_in(names, "MT10, or tasks such as reach-v3", option)}
 
 
-def _named(name: str) -> list[str]:
-    groups = _lerobots_tasks()["DIFFICULTY_TO_TASKS"]
-    if name in instructions():
-        return [name]
+def find_tasks(names: str, option: str = "env.task") -> tuple[str, ...]:
+    """The same tasks, each once, in order."""
+    return tuple(dict.fromkeys(task for tasks in find_groups(names, option).values() for task in tasks))
+
+
+def tasks_of(name: str) -> list[str]:
+    """The tasks of a benchmark or group, in order; a task is its own group.
+
+    Raises:
+        UserError: There is no such name.
+    """
+    groups, task = _lerobots_tasks()["DIFFICULTY_TO_TASKS"], name.removeprefix("metaworld-")
+    if task in instructions():
+        return [task]
     if name in groups:
         return groups[name]
     if name.upper() in _BENCHMARKS:
         return _benchmark(name.upper())
     near = get_close_matches(name, [*instructions(), *groups, *_BENCHMARKS], n=3)
     hint = f"did you mean {' or '.join(near)}?" if near else "`python -m dataset_converters.metaworld tasks` lists all"
-    raise UserError(f"--tasks names {name!r}, which is no task of Meta-World: {hint}")
+    raise UserError(f"{name!r} is no task of Meta-World: {hint}")
 
 
 def _benchmark(name: str) -> list[str]:

@@ -25,8 +25,8 @@ from dataset_converters.metaworld.cli import main
 from dataset_converters.metaworld.collect import CollectResult, CollectSettings, collect
 from dataset_converters.metaworld.expert import world
 from dataset_converters.metaworld.shards import Shard, make_states
-from dataset_converters.metaworld.tasks import find_tasks, instructions
 from lerobot_lisa.envs.engine import check_drawing
+from lerobot_lisa.envs.metaworld_states.tasks import find_tasks, instructions
 from lerobot_lisa.episodes.pictures import resize
 from lerobot_lisa.errors import UserError
 
@@ -184,9 +184,9 @@ def test_benchmarks_groups_and_names() -> None:
         (["--episodes", "0"], "must be 1 to"),
         (["--workers", "0"], "at least 1"),
         (["--repo-id", "nobody"], "user/name"),
-        (["--tasks", "reach-v2"], "'reach-v2', which is no task of Meta-World: did you mean reach-v3"),
+        (["--tasks", "reach-v2"], "'reach-v2' is no task of Meta-World: did you mean reach-v3"),
         (["--tasks", "MT11"], "did you mean MT10"),
-        (["--tasks", " , "], "names no task"),
+        (["--tasks", " , "], "--tasks is ' , ': name MT10, or tasks such as reach-v3"),
         (["--image-size", "8"], "--image-size 8: give a whole number from 16 to 480"),
         (["--image-size", "500"], "from 16 to 480"),
         (["--root", "/proc/here/data", "--states-only"], "/proc/here/data: "),
