@@ -37,7 +37,12 @@ PROGRAMS = {
     "lerobot_lisa.analysis.lorel_random_floor": "FloorConfig",
 }
 CHOICES = {
-    "policy": [lerobot_lisa.LisaConfig, lerobot_lisa.LangDTConfig],
+    "policy": [
+        lerobot_lisa.LisaConfig,
+        lerobot_lisa.LangDTConfig,
+        lerobot_lisa.BabyAIRNNConfig,
+        lerobot_lisa.LangBCConfig,
+    ],
     "env": [lerobot_lisa.BabyAIEnvConfig, lerobot_lisa.LorelEnvConfig, lerobot_lisa.MetaworldStatesConfig],
 }
 BY_LEROBOT = {"policy.path", "policy.type", "env.type", "config_path", "help"}

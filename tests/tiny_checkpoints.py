@@ -10,6 +10,8 @@ from lerobot.policies.factory import make_policy, make_pre_post_processors
 from lerobot.utils.collate import lerobot_collate_fn
 
 import lerobot_lisa  # noqa: F401  registers the policies
+from lerobot_lisa.policies.babyai_rnn.configuration_babyai_rnn import BabyAIRNNConfig
+from lerobot_lisa.policies.lang_bc.configuration_lang_bc import LangBCConfig
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
@@ -44,3 +46,13 @@ def lisa(root: Path, folder: Path, **settings: Any) -> Path:
 def lang_dt(root: Path, folder: Path, **settings: Any) -> Path:
     """A Lang-DT checkpoint."""
     return checkpoint(root, folder, LangDTConfig(**{**SMALL, **settings}))
+
+
+def babyai_rnn(root: Path, folder: Path, **settings: Any) -> Path:
+    """A checkpoint of BabyAI's own baseline."""
+    return checkpoint(root, folder, BabyAIRNNConfig(**{**SMALL, **settings}))
+
+
+def lang_bc(root: Path, folder: Path, **settings: Any) -> Path:
+    """A checkpoint of language-conditioned behaviour cloning."""
+    return checkpoint(root, folder, LangBCConfig(**{**SMALL, **settings}))

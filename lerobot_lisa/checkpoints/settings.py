@@ -18,7 +18,7 @@ _DEEPEST = 200  # layers
 
 
 def load_config(name: str, overrides: Sequence[str] = ()) -> EpisodePolicyConfig:
-    """The configuration of a LISA or Lang-DT checkpoint, from a folder or the Hub.
+    """The configuration of a checkpoint of ours, from a folder or the Hub.
 
     Args:
         name: Folder or Hub id.
@@ -70,7 +70,7 @@ def _check_kind(files: Files, settings: Mapping[str, Any]) -> None:
     if kind not in ours:
         raise UserError(
             f"--policy.path={files.name} is a {str(kind)[:100]} policy: "
-            f"this reads {' and '.join(sorted(ours, reverse=True))} checkpoints"
+            f"this reads checkpoints of {', '.join(sorted(ours))}"
         )
     if settings.get("use_peft"):
         raise UserError(f"{files.path(CONFIG)} is an adapter's (use_peft): merge it into the weights and save those")

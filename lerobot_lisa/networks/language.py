@@ -37,6 +37,10 @@ class Instruction(NamedTuple):
         ends = self.ends[rows, order] & valid
         return Instruction(self.tokens[rows, order], valid, self.phrases[rows, order], valid, ends)
 
+    def sentence(self) -> Tensor:
+        """The whole of each instruction as one vector (B, D): the mean of its tokens in their context."""
+        return (self.tokens * self.valid[..., None]).sum(1) / self.valid.sum(1, keepdim=True)
+
     def take(self, rows: Tensor) -> "Instruction":
         """The instructions of some rows (N,), repeats allowed."""
         return Instruction(*(part[rows] for part in self))

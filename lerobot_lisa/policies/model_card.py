@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 SUMMARIES = {
     "lisa": "A LISA policy: it turns an instruction into skill codes, and each code into a few steps of actions.",
     "lang_dt": "A Lang-DT policy: the flat language-conditioned Decision Transformer that LISA is compared with.",
+    "babyai_rnn": "A BabyAI-RNN policy: BabyAI's own baseline, FiLM and an LSTM, as of BabyAI 1.1 (arXiv:2007.12770).",
+    "lang_bc": "A Lang-BC policy: LOReL's language-conditioned behaviour cloning (arXiv:2109.01115).",
 }
 SHOWN = (
-    "horizon", "codebook_size", "code_width", "n_predictor_layers", "n_policy_layers", "n_layers",
+    "horizon", "codebook_size", "memory_width", "code_width", "n_predictor_layers", "n_policy_layers", "n_layers",
     "dim_model", "n_heads", "dropout", "language_encoder", "optimizer_lr", "optimizer_lr_skill_predictor",
 )  # fmt: skip
 EXAMPLES = 5  # instructions shown; a dataset may have 100,000

@@ -1,6 +1,6 @@
 """Build the network parts that both policies share from a policy's settings."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -24,7 +24,10 @@ KINDS = {FeatureType.ENV: "symbols", FeatureType.STATE: "state", FeatureType.VIS
 
 
 def make_observation_encoder(
-    config: EpisodePolicyConfig, language: LanguageEncoder, backbone: Backbone | None = None
+    config: EpisodePolicyConfig,
+    language: LanguageEncoder,
+    backbone: Backbone | None = None,
+    without: Container[str] = (),
 ) -> ObservationEncoder:
     """One encoder over all of the policy's observation features.
 
@@ -32,8 +35,10 @@ def make_observation_encoder(
         config: The policy's.
         language: Whose words things are asked by.
         backbone: From `make_backbone`. A frozen one stays outside: the encoder gets what it says of pictures.
+        without: Features that something else sees with.
     """
-    specs = {key: _spec(config, key, feature, backbone) for key, feature in (config.input_features or {}).items()}
+    features = {key: feature for key, feature in (config.input_features or {}).items() if key not in without}
+    specs = {key: _spec(config, key, feature, backbone) for key, feature in features.items()}
     asking = AskingSpec(language.encoder.width, config.dim_model // 2, language.encoder.whole)
     own = None if config.freeze_vision_backbone else deepcopy(backbone)
     return ObservationEncoder(specs, config.dim_model, own, asking if config.ask_observations else None)
@@ -82,6 +87,13 @@ def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
     if config.action_head == "mixture":
         return MixtureHead(config.dim_model, weights, bounds, config.action_components, config.action_temperature)
     return MeanHead(config.dim_model, weights, bounds, config.action_amplification)
+
+
+def make_last_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
+    """The same for a policy that looks at no earlier action, and so needs no vectors of actions."""
+    head = make_action_head(config, bounds)
+    del head.embedding
+    return head
 
 
 def make_language_encoder(config: EpisodePolicyConfig) -> LanguageEncoder:

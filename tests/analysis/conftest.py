@@ -26,6 +26,18 @@ def lang_dt(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def babyai_rnn(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a checkpoint of BabyAI's own baseline."""
+    return tiny_checkpoints.babyai_rnn(symbolic, tmp_path_factory.mktemp("babyai_rnn"))
+
+
+@pytest.fixture(scope="session")
+def lang_bc(symbolic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a checkpoint of behaviour cloning for BabyAI's features."""
+    return tiny_checkpoints.lang_bc(symbolic, tmp_path_factory.mktemp("lang_bc"))
+
+
+@pytest.fixture(scope="session")
 def tabletop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a LISA checkpoint for LOReL's states."""
     features = {

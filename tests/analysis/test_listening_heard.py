@@ -328,7 +328,7 @@ def diagnose(monkeypatch: pytest.MonkeyPatch, policy: Path, output: Path, *optio
 BABYAI = ("--env.type=babyai", "--env.task=GoToLocal", "--env.max_episode_steps=8", "--n_episodes=6")
 
 
-@pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
+@pytest.mark.parametrize("kind", ["lisa", "lang_dt", "babyai_rnn", "lang_bc"])
 def test_heard_in_babyai(
     kind: str,
     tmp_path: Path,

@@ -16,6 +16,7 @@ from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
 from lerobot_lisa.errors import UserError
 
 CONFIG, BEFORE, AFTER = "config.json", "policy_preprocessor.json", "policy_postprocessor.json"
+READS = "this reads checkpoints of babyai_rnn, lang_bc, lang_dt, lisa"
 TOKENIZER = "policy_preprocessor_step_2_lisa_instructions.safetensors"
 Change = Callable[[Any], object]
 
@@ -54,8 +55,8 @@ BERT = {"model_type": "bert", "hidden_size": 16, "num_attention_heads": 2, "num_
 @pytest.mark.parametrize(
     ("file", "change", "line"),
     [
-        (CONFIG, settings(type="os.system"), "is a os.system policy: this reads lisa and lang_dt checkpoints"),
-        (CONFIG, settings(type=["lisa"]), "this reads lisa and lang_dt checkpoints"),
+        (CONFIG, settings(type="os.system"), f"is a os.system policy: {READS}"),
+        (CONFIG, settings(type=["lisa"]), READS),
         (CONFIG, lambda content: content.pop("type"), "is a None policy"),
         (CONFIG, settings(input_features=None), r"config\.json names no input_features"),
         (CONFIG, settings(output_features={}), r"config\.json names no output_features"),

@@ -7,13 +7,13 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from tiny_networks import CLASSES, WORDS, Batch, batch, lang_dt, lisa, run
+from tiny_networks import CLASSES, WORDS, Batch, babyai_rnn, batch, lang_bc, lang_dt, lisa, run
 from torch import Tensor
 
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 
 HORIZON = 3
-LISA, LANG_DT = lisa(HORIZON), lang_dt()
+LISA, LANG_DT, BABYAI_RNN, LANG_BC = lisa(HORIZON), lang_dt(), babyai_rnn(), lang_bc()
 LENGTH = st.integers(1, 4 * HORIZON + 1)
 
 
@@ -27,7 +27,12 @@ def with_other_future(what: Batch, observations_from: int, actions_from: int) ->
     return replace(what, observations=changed, actions=actions)
 
 
-@pytest.mark.parametrize("network", [LISA, LANG_DT], ids=["lisa", "lang_dt"])
+EVERY = pytest.mark.parametrize(
+    "network", [LISA, LANG_DT, BABYAI_RNN, LANG_BC], ids=["lisa", "lang_dt", "babyai_rnn", "lang_bc"]
+)
+
+
+@EVERY
 @given(length=LENGTH, data=st.data())
 def test_the_future_changes_no_earlier_logit(network: EpisodeNetwork, length: int, data: st.DataObject) -> None:
     """An action may depend on the observation of its own step, but only on actions before it."""
@@ -55,6 +60,23 @@ def test_the_present_and_the_past_do_matter(network: EpisodeNetwork) -> None:
     assert not torch.allclose(logits[2], now[2])
     assert not torch.allclose(logits[2], before[2])
     assert torch.equal(logits[1], before[1])
+
+
+@pytest.mark.parametrize("network", [BABYAI_RNN, LANG_BC], ids=["babyai_rnn", "lang_bc"])
+def test_what_the_original_baselines_remember(network: EpisodeNetwork) -> None:
+    """BabyAI's network remembers what was seen, behaviour cloning nothing; neither looks at actions."""
+    what = batch([HORIZON])
+    logits, _ = run(network, what)
+
+    acted, _ = run(network, with_other_future(what, observations_from=HORIZON, actions_from=0))
+    seen = with_other_future(what, observations_from=1, actions_from=HORIZON)
+    for key in seen.observations:  # only the step before the last one is another
+        seen.observations[key][2] = what.observations[key][2]
+    remembered, _ = run(network, seen)
+
+    assert torch.equal(logits, acted)
+    assert not torch.allclose(logits[1], remembered[1])
+    assert torch.allclose(logits[2], remembered[2]) == (network is LANG_BC)
 
 
 def embeddings(what: Batch) -> Tensor:
@@ -153,7 +175,7 @@ def test_instruction_tokens_see_no_observation(network: EpisodeNetwork) -> None:
     assert not torch.allclose(before[:, words:], after[:, words:])
 
 
-@pytest.mark.parametrize("network", [LISA, LANG_DT], ids=["lisa", "lang_dt"])
+@EVERY
 def test_every_word_matters_at_every_step(network: EpisodeNetwork) -> None:
     what = batch([2 * HORIZON], seed=3)
     words = what.tokens.shape[1]

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tiny_networks import Batch, batch, codebook, lang_dt, lisa
+from tiny_networks import Batch, babyai_rnn, batch, codebook, lang_bc, lang_dt, lisa
 from torch import Tensor
 
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
@@ -51,7 +51,7 @@ def test_gradients_flow_on_to_language_and_early_observations() -> None:
     assert (words.abs().sum(1) > 0).all()
 
 
-@pytest.mark.parametrize("make", [lisa, lang_dt])
+@pytest.mark.parametrize("make", [lisa, lang_dt, babyai_rnn, lang_bc])
 @pytest.mark.parametrize("categorical", [True, False])
 def test_every_parameter_learns(make: type[EpisodeNetwork], categorical: bool) -> None:
     network, what = make(categorical=categorical).train(), batch([9] * 6, categorical)

@@ -7,14 +7,16 @@ import torch
 import torch.nn.functional as F
 from hypothesis import given
 from hypothesis import strategies as st
-from tiny_networks import batch, lang_dt, lisa, run
+from tiny_networks import babyai_rnn, batch, lang_bc, lang_dt, lisa, run
 
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.packing import Packing
 
 HORIZON = 3
 NETWORKS = pytest.mark.parametrize(
-    "network", [lisa(HORIZON), lang_dt(), lang_dt(waste=1.0)], ids=["lisa", "lang_dt", "lang_dt_one_group"]
+    "network",
+    [lisa(HORIZON), lang_dt(), lang_dt(waste=1.0), babyai_rnn(), lang_bc()],
+    ids=["lisa", "lang_dt", "lang_dt_one_group", "babyai_rnn", "lang_bc"],
 )
 NEAR_HORIZON = st.sampled_from([1, HORIZON - 1, HORIZON, HORIZON + 1, 2 * HORIZON, 3 * HORIZON + 1])
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tiny_networks import WIDTH, Batch, batch, codebook, lang_dt, lisa, run
+from tiny_networks import WIDTH, Batch, babyai_rnn, batch, codebook, lang_bc, lang_dt, lisa, run
 from torch import Tensor
 
 from lerobot_lisa.networks.actions import CategoricalHead
@@ -43,6 +43,10 @@ NETWORKS = {
     "lang_dt_continuous": lang_dt(categorical=False),
     "lang_dt_windowed": lang_dt(window=4),
     "lang_dt_window_of_one": lang_dt(window=1, layers=1),
+    "babyai_rnn": babyai_rnn(),
+    "babyai_rnn_continuous": babyai_rnn(categorical=False),
+    "lang_bc": lang_bc(),
+    "lang_bc_continuous": lang_bc(categorical=False),
 }
 EVERY = pytest.mark.parametrize("name", NETWORKS)
 

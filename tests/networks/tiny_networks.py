@@ -7,9 +7,12 @@ from torch import Tensor, nn
 
 from lerobot_lisa.networks.action_predictor import ActionPredictor
 from lerobot_lisa.networks.actions import ActionHead, CategoricalHead
+from lerobot_lisa.networks.babyai_rnn import BabyAIRNN
 from lerobot_lisa.networks.codebooks import Codebook, CodebookSettings
 from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
+from lerobot_lisa.networks.film import FilmGridEncoder
+from lerobot_lisa.networks.lang_bc import LangBC
 from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.language import LanguageEncoder, WordEncoder
 from lerobot_lisa.networks.lisa import Lisa
@@ -117,6 +120,30 @@ def lang_dt(
     return LangDT(language, observations(asking), policy, waste, attention() if asking else None).eval()
 
 
+def babyai_rnn(categorical: bool = True, memory: int = 12) -> BabyAIRNN:
+    """BabyAI's network in evaluation mode, whose norms have seen data; a grid of 3 x 1 cells."""
+    torch.manual_seed(1)
+    network = BabyAIRNN(
+        language=LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES),
+        grid_key="grid",
+        grid=FilmGridEncoder((3, 1, 2), 8, WIDTH),
+        others=ObservationEncoder({"state": SPECS["state"]}, WIDTH),
+        width=WIDTH,
+        memory=memory,
+        dropout=0.0,
+        head=_last_head(categorical),
+    )
+    run(network, batch([13] * 8, categorical, seed=99))
+    return network.eval()
+
+
+def lang_bc(categorical: bool = True) -> LangBC:
+    """Language-conditioned behaviour cloning in evaluation mode."""
+    torch.manual_seed(1)
+    language = LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES)
+    return LangBC(language, observations(asking=False), WIDTH, 0.0, _last_head(categorical)).eval()
+
+
 def observations(asking: bool = True) -> ObservationEncoder:
     """Of a grid of three cells with two symbols each, and a state."""
     return ObservationEncoder(SPECS, WIDTH, asking=AskingSpec(WIDTH, WIDTH // 2) if asking else None)
@@ -152,9 +179,17 @@ def run(network: EpisodeNetwork, what: Batch) -> tuple[Tensor, Tensor | None]:
 
 
 def _policy(categorical: bool, timesteps: TimestepEmbedding, transformer: CausalTransformer) -> ActionPredictor:
-    head: ActionHead = (
-        CategoricalHead(WIDTH, CLASSES)
-        if categorical
-        else MeanHead(WIDTH, torch.ones(2), torch.tensor([[-1.0] * 2, [1.0] * 2]))
-    )
-    return ActionPredictor(timesteps, transformer, head)
+    return ActionPredictor(timesteps, transformer, _head(categorical))
+
+
+def _head(categorical: bool) -> ActionHead:
+    if categorical:
+        return CategoricalHead(WIDTH, CLASSES)
+    return MeanHead(WIDTH, torch.ones(2), torch.tensor([[-1.0] * 2, [1.0] * 2]))
+
+
+def _last_head(categorical: bool) -> ActionHead:
+    """Without vectors of actions, which a policy that looks at none does not need."""
+    head = _head(categorical)
+    del head.embedding
+    return head

@@ -14,7 +14,7 @@ from tiny_policies import config, training
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 
-BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
+EVERY = pytest.mark.parametrize("kind", ["lisa", "lang_dt", "babyai_rnn", "lang_bc"])
 GRID = PolicyFeature(FeatureType.STATE, (147,))
 CAMERA = PolicyFeature(FeatureType.VISUAL, (3, 8, 6))
 ACTION = PolicyFeature(FeatureType.ACTION, (1,))
@@ -32,7 +32,7 @@ def described(
     return cfg
 
 
-@BOTH
+@EVERY
 def test_integer_observations_are_symbols_and_integer_actions_categorical(kind: str) -> None:
     cfg = described(kind)
     cfg.validate_features()
@@ -114,7 +114,7 @@ BAD_FEATURES = {
 }
 
 
-@BOTH
+@EVERY
 @pytest.mark.parametrize("case", BAD_FEATURES)
 def test_features_that_cannot_work(kind: str, case: str) -> None:
     settings, message = BAD_FEATURES[case]
@@ -161,9 +161,16 @@ BAD_LISA = {
     "optimizer_lr_skill_predictor": (-1e-5, NAN, INF),
 }
 BAD_LANG_DT = {"n_layers": (0, 10**6), "padding_waste": (-0.1, 1.5, NAN)}
+BAD_BASELINE = {"ask_observations": True, "dropout": (1.5, NAN)}
+BAD = {
+    "lisa": {**BAD_SETTINGS, **BAD_LISA},
+    "lang_dt": {**BAD_SETTINGS, **BAD_LANG_DT},
+    "babyai_rnn": {**BAD_BASELINE, "memory_width": (0, 10**9)},
+    "lang_bc": BAD_BASELINE,
+}
 CASES = [
     (kind, name, value)
-    for kind, settings in (("lisa", {**BAD_SETTINGS, **BAD_LISA}), ("lang_dt", {**BAD_SETTINGS, **BAD_LANG_DT}))
+    for kind, settings in BAD.items()
     for name, values in settings.items()
     for value in (values if isinstance(values, tuple) else (values,))
 ]
@@ -193,7 +200,7 @@ def test_a_configuration_that_would_fill_the_memory(case: str) -> None:
         config("lang_dt", **TOO_LARGE[case])
 
 
-@BOTH
+@EVERY
 def test_config_json_round_trip(kind: str, tmp_path: Path) -> None:
     cfg = described(
         kind,
@@ -214,7 +221,7 @@ def test_config_json_round_trip(kind: str, tmp_path: Path) -> None:
     assert loaded.input_features == cfg.input_features
 
 
-@BOTH
+@EVERY
 def test_a_checkpoint_of_another_version_is_refused_in_one_line(kind: str, tmp_path: Path) -> None:
     described(kind).save_pretrained(tmp_path)
     path = tmp_path / "config.json"

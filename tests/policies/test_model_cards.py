@@ -18,7 +18,7 @@ HOSTILE = [
 ]
 
 
-@pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
+@pytest.mark.parametrize("kind", ["lisa", "lang_dt", "babyai_rnn", "lang_bc"])
 def test_hostile_instructions_and_names(kind: str, symbolic: Path) -> None:
     made = training(kind, symbolic)
     usual = str(made.policy.generate_model_card("local/tiny", kind, None, None, None, made.dataset.meta))

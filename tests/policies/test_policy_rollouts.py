@@ -6,72 +6,15 @@ from typing import Any
 import pytest
 import tiny_datasets
 import torch
-from lerobot.configs import NormalizationMode
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import ACTION
+from replay import HORIZON, NORMALISED, TASKS, actions_of, assert_rollout_is_training, live_observations, step_batch
 from tiny_policies import Training, training
 from torch import Tensor
 
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.networks.packing import Packing
 
-HORIZON = 3
-NORMALISED = {
-    "STATE": NormalizationMode.MEAN_STD,
-    "ACTION": NormalizationMode.MEAN_STD,
-    "VISUAL": NormalizationMode.MEAN_STD,
-    "ENV": NormalizationMode.IDENTITY,
-}
 BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
-TASKS = ["go", "pick up the grey key, then put it next to the blue box", "open a door", "go to the red ball"]
-
-
-def live_observations(made: Training, environments: int, steps: int) -> dict[str, Tensor]:
-    """What LeRobot hands a policy in a rollout, (B, T, *shape): float32, pictures in 0..1."""
-    random = torch.Generator().manual_seed(5)
-    batches = {}
-    for key, feature in made.policy.config.input_features.items():
-        shape = (environments, steps, *feature.shape)
-        if made.dataset.meta.features[key]["dtype"] == "uint8":
-            batches[key] = torch.randint(0, 11, shape, generator=random).float()
-        elif feature.type.value == "VISUAL":
-            batches[key] = torch.randint(0, 256, shape, generator=random).float() / 255
-        else:
-            batches[key] = 5 + 3 * torch.randn(shape, generator=random)
-    return batches
-
-
-def step_batch(made: Training, observations: dict[str, Tensor], step: int, tasks: list[str]) -> dict[str, Any]:
-    now = {key: value[:, step] for key, value in observations.items()}
-    return made.preprocessor({**now, "task": tasks})
-
-
-@torch.no_grad()
-def assert_rollout_is_training(made: Training, steps: int) -> None:
-    """Act, then predict the same frames and actions as whole episodes."""
-    policy, observations = made.policy, live_observations(made, len(TASKS), steps)
-    policy.reset()
-    outputs, actions, codes = [], [], []
-    for step in range(steps):
-        batch = step_batch(made, observations, step, TASKS)
-        outputs.append(policy.action_outputs(batch))
-        actions.append(policy._history.actions)
-        codes.append(getattr(policy, "skill_codes", None))
-    frames = made.policy.scaled(
-        {
-            **{key: value.flatten(0, 1) for key, value in observations.items()},
-            ACTION: torch.zeros(steps * len(TASKS), policy.config.action_feature.shape[0]),
-        }
-    )
-    frames.pop(ACTION)
-    tokens, valid = batch["observation.language.tokens"], batch["observation.language.attention_mask"]
-    packing = Packing(torch.full((len(TASKS),), steps))
-    expected, _, _ = policy.predict(tokens, valid, frames, torch.stack(actions, 1).flatten(0, 1), packing)
-
-    torch.testing.assert_close(torch.stack(outputs, 1).flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
-    if codes[0] is not None:
-        _, skills = policy.network(tokens, valid, frames, torch.stack(actions, 1).flatten(0, 1), packing)
-        assert torch.equal(torch.stack(codes[::HORIZON], 1).flatten(), skills.codes)
 
 
 @BOTH
@@ -154,10 +97,6 @@ def test_actions_have_the_shape_lerobot_wants(kind: str, symbolic: Path, continu
         assert actions.shape == (3, size)
         assert actions.dtype == torch.float32
         assert chunk.shape == (3, 1, size)
-
-
-def actions_of(made: Training, observations: dict[str, Tensor], steps: range, tasks: list[str]) -> list[Tensor]:
-    return [made.policy.action_outputs(step_batch(made, observations, step, tasks)) for step in steps]
 
 
 @BOTH

@@ -10,12 +10,14 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies.factory import make_policy, make_pre_post_processors
 
 import lerobot_lisa  # noqa: F401  registers the policies
+from lerobot_lisa.policies.babyai_rnn.configuration_babyai_rnn import BabyAIRNNConfig
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.base_modeling import EpisodePolicy
+from lerobot_lisa.policies.lang_bc.configuration_lang_bc import LangBCConfig
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
 
-CONFIGS = {"lisa": LisaConfig, "lang_dt": LangDTConfig}
+CONFIGS = {"lisa": LisaConfig, "lang_dt": LangDTConfig, "babyai_rnn": BabyAIRNNConfig, "lang_bc": LangBCConfig}
 SMALL = {"dim_model": 32, "n_heads": 2, "device": "cpu", "push_to_hub": False}
 
 

@@ -5,13 +5,12 @@ from pathlib import Path
 
 from lerobot_lisa.analysis.listening import heard_figure as listening
 from lerobot_lisa.analysis.listening.heard import Runs
-from lerobot_lisa.analysis.material import Answer, Material
+from lerobot_lisa.analysis.material import POLICIES, Answer, Material
 from lerobot_lisa.analysis.report.page import FIGURES, draw, render
 from lerobot_lisa.analysis.skills import answers as skills
 from lerobot_lisa.analysis.success import breakdown as success
 
 PAGE = "report.html"
-_POLICIES = {"lisa": "LISA", "lang_dt": "Lang-DT"}
 _WORLDS = {"babyai": "BabyAI", "lorel": "LOReL", "metaworld": "Meta-World", "metaworld_states": "Meta-World"}
 
 
@@ -46,7 +45,7 @@ def build(
 
 def _title(material: Material) -> str:
     policy, world = material.trace.origin["policy"]["type"], str(material.trace.world)
-    return f"{_POLICIES[policy]} on {_WORLDS.get(world, world)} {material.task}"
+    return f"{POLICIES[policy]} on {_WORLDS.get(world, world)} {material.task}"
 
 
 def _subtitle(material: Material) -> str:

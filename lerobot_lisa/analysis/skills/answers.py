@@ -5,18 +5,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from lerobot_lisa.analysis.drawing import MOST_CODES, Plot
-from lerobot_lisa.analysis.material import Answer, Heading, Material
+from lerobot_lisa.analysis.material import POLICIES, Answer, Heading, Material
 from lerobot_lisa.analysis.skills import choices, information, looking, words
 from lerobot_lisa.analysis.skills.sheets import skill_sheet
 from lerobot_lisa.analysis.skills.words import SkillWords, top_words, word_table
 
 NOTABLE = 1.05  # times as frequent as usual: what rounds to more than usual
 FIRST, ALL = "words, first code", "words, all codes"
-NO_SKILLS = {
-    "lisa": "There are no codes to show: this policy's skills are continuous, by its configuration or since training "
-    "ended before codes were placed (--policy.quantizer_warmup_steps).",
-    "lang_dt": "Lang-DT is flat: it acts on instructions and observations without skill codes: there are none to show.",
-}
+NO_CODES = (
+    "There are no codes to show: this policy's skills are continuous, by its configuration or since training "
+    "ended before codes were placed (--policy.quantizer_warmup_steps)."
+)
+NO_SKILLS = "{} is flat: it acts on instructions and observations without skill codes: there are none to show."
 INFORMATION = (
     "Mutual information is how many bits about the code one learns from the language. Counted from few episodes it is "
     "never 0, so each number stands beside what the same count gives when instructions are dealt to other episodes. An "
@@ -41,7 +41,8 @@ def answers(material: Material) -> Iterator[Answer]:
     if material.looks and not trace.has_codes:
         yield looking.answer(material)
     if not trace.has_codes:
-        yield Answer("skills", "Skills", NO_SKILLS[trace.origin["policy"]["type"]])
+        kind = trace.origin["policy"]["type"]
+        yield Answer("skills", "Skills", NO_CODES if kind == "lisa" else NO_SKILLS.format(POLICIES[kind]))
         return
     made = choices.choices(trace)
     instructions = trace.episodes["instruction"].astype(str).tolist()

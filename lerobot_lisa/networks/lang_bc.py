@@ -1,0 +1,79 @@
+"""Language-conditioned behaviour cloning: what is said and what is seen now to an action, nothing remembered."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from lerobot_lisa.networks.actions import ActionHead
+from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
+from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.observations import ObservationEncoder
+from lerobot_lisa.networks.packing import Packing
+
+
+@dataclass(kw_only=True)
+class LangBCHistory(History):
+    """The rollout so far.
+
+    Attributes:
+        sentences: (B, D), what was said.
+    """
+
+    sentences: Tensor
+
+
+class LangBC(EpisodeNetwork):
+    """LCBC, the imitating baseline of LOReL (Nair et al., CoRL 2021, arXiv:2109.01115): an MLP.
+
+    Args:
+        language: Instructions to tokens, whose mean the MLP gets.
+        observations: What it sees with.
+        width: D.
+        dropout: After each of its hidden layers.
+        head: Of `width`.
+    """
+
+    def __init__(
+        self,
+        language: LanguageEncoder,
+        observations: ObservationEncoder,
+        width: int,
+        dropout: float,
+        head: ActionHead,
+    ) -> None:
+        super().__init__()
+        self.language, self.observations = language, observations
+        hidden = [nn.Linear(2 * width, width), nn.ReLU(), nn.Dropout(dropout)]
+        self.policy = nn.Sequential(*hidden, nn.Linear(width, width), nn.ReLU(), nn.Dropout(dropout), head)
+
+    def forward(
+        self,
+        tokens: Tensor,
+        tokens_valid: Tensor,
+        observations: Mapping[str, Tensor],
+        actions: Tensor,
+        packing: Packing,
+    ) -> Tensor:
+        """Predict every action of B whole episodes; arguments as in `Lisa.forward`. Actions are not looked at."""
+        return self._choose(self.language(tokens, tokens_valid).sentence()[packing.sequence], observations)
+
+    @property
+    def head(self) -> ActionHead:
+        """The policy's last layer."""
+        return self.policy[-1]  # type: ignore[return-value]
+
+    def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LangBCHistory:
+        """Start a rollout: all that is remembered of it is the instruction."""
+        return LangBCHistory(sentences=self.language(tokens, tokens_valid).sentence())
+
+    def act(self, history: LangBCHistory, observations: Mapping[str, Tensor]) -> Tensor:
+        """Take one more step."""
+        history.step += 1
+        return self._choose(history.sentences, observations)
+
+    def _choose(self, sentences: Tensor, observations: Mapping[str, Tensor]) -> Tensor:
+        """Predictions for N frames, a sentence (N, D) for each."""
+        seen = self.observations(observations, sentences[:0]).summary  # nothing is asked, so no names are needed
+        return self.policy(torch.cat([seen, sentences], dim=-1))

@@ -1,0 +1,1 @@
+"""BabyAI's own recurrent baseline, in the form of BabyAI 1.1."""

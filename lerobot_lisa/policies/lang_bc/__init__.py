@@ -1,0 +1,1 @@
+"""LCBC: LOReL's language-conditioned behaviour cloning."""
