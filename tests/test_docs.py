@@ -42,6 +42,8 @@ CHOICES = {
         lerobot_lisa.LangDTConfig,
         lerobot_lisa.BabyAIRNNConfig,
         lerobot_lisa.LangBCConfig,
+        lerobot_lisa.LorelPlannerConfig,
+        lerobot_lisa.KMeansSkillsConfig,
     ],
     "env": [lerobot_lisa.BabyAIEnvConfig, lerobot_lisa.LorelEnvConfig, lerobot_lisa.MetaworldStatesConfig],
 }

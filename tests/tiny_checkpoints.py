@@ -11,9 +11,11 @@ from lerobot.utils.collate import lerobot_collate_fn
 
 import lerobot_lisa  # noqa: F401  registers the policies
 from lerobot_lisa.policies.babyai_rnn.configuration_babyai_rnn import BabyAIRNNConfig
+from lerobot_lisa.policies.kmeans_skills.configuration_kmeans_skills import KMeansSkillsConfig
 from lerobot_lisa.policies.lang_bc.configuration_lang_bc import LangBCConfig
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+from lerobot_lisa.policies.lorel_planner.configuration_lorel_planner import LorelPlannerConfig
 
 HORIZON, CODES = 3, 5
 SMALL: dict[str, Any] = {
@@ -56,3 +58,15 @@ def babyai_rnn(root: Path, folder: Path, **settings: Any) -> Path:
 def lang_bc(root: Path, folder: Path, **settings: Any) -> Path:
     """A checkpoint of language-conditioned behaviour cloning."""
     return checkpoint(root, folder, LangBCConfig(**{**SMALL, **settings}))
+
+
+def lorel_planner(root: Path, folder: Path, **settings: Any) -> Path:
+    """A checkpoint of LOReL's planner, with a short search."""
+    search = {"plan_steps": 3, "plan_samples": 20, "plan_elites": 4}
+    return checkpoint(root, folder, LorelPlannerConfig(**{**SMALL, **search, **settings}))
+
+
+def kmeans_skills(root: Path, folder: Path, **settings: Any) -> Path:
+    """A checkpoint with skills by k-means."""
+    sizes = {"horizon": HORIZON, "codebook_size": CODES}
+    return checkpoint(root, folder, KMeansSkillsConfig(**{**SMALL, **sizes, **settings}))

@@ -14,7 +14,14 @@ from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.training_data import TrainingData
 
 PERMUTATIONS = 500
-POLICIES = {"lisa": "LISA", "lang_dt": "Lang-DT", "babyai_rnn": "BabyAI-RNN", "lang_bc": "Lang-BC"}
+POLICIES = {
+    "lisa": "LISA",
+    "lang_dt": "Lang-DT",
+    "babyai_rnn": "BabyAI-RNN",
+    "lang_bc": "Lang-BC",
+    "lorel_planner": "LOReL planner",
+    "kmeans_skills": "k-means skills",
+}
 
 
 @dataclass(frozen=True)

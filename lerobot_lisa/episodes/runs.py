@@ -23,11 +23,13 @@ class Runs(NamedTuple):
         starts: First frame of each run, (R,).
         lengths: Frames of each, (R,).
         episodes: The dataset's episode that each lies in, (R,).
+        tasks: The `task_index` of each, (R,); -1 where the data file is not there.
     """
 
     starts: Array
     lengths: Array
     episodes: Array
+    tasks: Array
 
 
 def task_runs(meta: "LeRobotDatasetMetadata") -> Runs:
@@ -43,4 +45,4 @@ def task_runs(meta: "LeRobotDatasetMetadata") -> Runs:
     begins[starts] = True
     firsts = np.flatnonzero(begins)
     episodes = np.searchsorted(starts, firsts, side="right") - 1
-    return Runs(firsts, np.diff(firsts, append=meta.total_frames), episodes)
+    return Runs(firsts, np.diff(firsts, append=meta.total_frames), episodes, tasks[firsts])

@@ -8,6 +8,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.actions import ActionHead
+from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.transformer import EVERYTHING
 
@@ -30,8 +31,9 @@ class History:
 
 
 class EpisodeNetwork(nn.Module, ABC):
-    """Base of `Lisa` and `LangDT`."""
+    """Base of all policies' networks."""
 
+    language: LanguageEncoder
     observations: ObservationEncoder
 
     @property

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from lerobot_lisa.networks.actions import ActionHead
 from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
+from lerobot_lisa.networks.mlp import hidden_layers
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
 
@@ -45,8 +46,7 @@ class LangBC(EpisodeNetwork):
     ) -> None:
         super().__init__()
         self.language, self.observations = language, observations
-        hidden = [nn.Linear(2 * width, width), nn.ReLU(), nn.Dropout(dropout)]
-        self.policy = nn.Sequential(*hidden, nn.Linear(width, width), nn.ReLU(), nn.Dropout(dropout), head)
+        self.policy = nn.Sequential(hidden_layers(2 * width, width, dropout), head)
 
     def forward(
         self,

@@ -52,11 +52,13 @@ class EpisodePolicy(PreTrainedPolicy):
     The loss averages over its frames first, which gives every frame of the dataset the same weight, as in the paper.
 
     Attributes:
+        loss_name: What the loss of frames is called in the training log.
         rollouts: Rollouts begun since training or loading; the next one draws its actions from `action_seed` plus this.
     """
 
     config_class = EpisodePolicyConfig
     name = "episode_policy"
+    loss_name = "action_loss"
     network: EpisodeNetwork
 
     def __init__(
@@ -133,7 +135,7 @@ class EpisodePolicy(PreTrainedPolicy):
         held_out = not self.training and not torch.is_grad_enabled()
         losses, extra, metrics = self._known(batch) if held_out else self._losses(batch)
         loss = losses if reduction == "none" else losses.mean()
-        return loss + extra, _numbers({**metrics, "action_loss": losses.mean()})
+        return loss + extra, _numbers({**metrics, self.loss_name: losses.mean()})
 
     def _losses(self, batch: Mapping[str, Any]) -> Losses:
         frames, packing = self.gather(batch)
@@ -142,12 +144,21 @@ class EpisodePolicy(PreTrainedPolicy):
             if self.training and self._symmetries is not None:
                 frames, tokens = self._symmetries(Told(frames, tokens), packing)
             actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
-            outputs, extra, metrics = self.predict(tokens, tokens_valid, observations, actions, packing)
+            losses, extra, metrics = self.losses(tokens, tokens_valid, observations, actions, packing)
+        return packing.learned.mean(losses), extra, metrics
+
+    def losses(
+        self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
+    ) -> Losses:
+        """Loss of every frame that is learned from, what else enters the loss (a scalar), and numbers worth logging.
+
+        Imitation's, of what `predict` predicts; for policies that learn something else to overwrite.
+        """
+        outputs, extra, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
         head = self.network.head
         if packing.learned_rows is not None:
             actions = actions[packing.learned_rows]
-        losses = packing.learned.mean(head.loss(outputs, actions))
-        return losses, extra, {**metrics, **head.metrics(outputs.detach(), actions)}
+        return head.loss(outputs, actions), extra, {**metrics, **head.metrics(outputs.detach(), actions)}
 
     def _known(self, batch: Mapping[str, Any]) -> Losses:
         """The same in a validation, where frames of one episode come one after another."""

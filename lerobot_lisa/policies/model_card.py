@@ -16,6 +16,8 @@ SUMMARIES = {
     "lisa": "A LISA policy: it turns an instruction into skill codes, and each code into a few steps of actions.",
     "lang_dt": "A Lang-DT policy: the flat language-conditioned Decision Transformer that LISA is compared with.",
     "babyai_rnn": "A BabyAI-RNN policy: BabyAI's own baseline, FiLM and an LSTM, as of BabyAI 1.1 (arXiv:2007.12770).",
+    "kmeans_skills": "Skills by k-means on language and states: what LISA's learned codebook is compared with.",
+    "lorel_planner": "LOReL's planner: a learned reward and model, and the cross-entropy method (arXiv:2109.01115).",
     "lang_bc": "A Lang-BC policy: LOReL's language-conditioned behaviour cloning (arXiv:2109.01115).",
 }
 SHOWN = (

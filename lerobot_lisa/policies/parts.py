@@ -79,14 +79,19 @@ def make_action_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:
     """Categorical or real-valued, as the dataset's actions are; `bounds` (2, A) are the least and greatest of them."""
     if config.action_classes:
         return CategoricalHead(config.dim_model, config.action_classes, config.action_temperature)
-    size = config.action_feature.shape[0]  # validate_features has seen to it
-    weights = torch.ones(size)
-    weights[config.ignored_action_dimensions or []] = 0
+    weights = action_weights(config)
     if config.action_head == "bins":
         return BinsHead(config.dim_model, weights, bounds, config.action_bins, config.action_temperature)
     if config.action_head == "mixture":
         return MixtureHead(config.dim_model, weights, bounds, config.action_components, config.action_temperature)
     return MeanHead(config.dim_model, weights, bounds, config.action_amplification)
+
+
+def action_weights(config: EpisodePolicyConfig) -> Tensor:
+    """(A,) of real-valued actions: 0 for dimensions that the environment ignores, else 1."""
+    weights = torch.ones(config.action_feature.shape[0])  # validate_features has seen to it
+    weights[config.ignored_action_dimensions or []] = 0
+    return weights
 
 
 def make_last_head(config: EpisodePolicyConfig, bounds: Tensor) -> ActionHead:

@@ -219,7 +219,7 @@ def test_checkpoints_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"--policy\.path=.*absent: no checkpoint"):
         load_config(str(tmp_path / "absent"))
     (tmp_path / "config.json").write_text(json.dumps({"type": "act"}))
-    with pytest.raises(UserError, match=r"is a act policy: this reads .*, lang_dt, lisa"):
+    with pytest.raises(UserError, match=r"is a act policy: this reads .* lang_dt, lisa,"):
         load_config(str(tmp_path))
 
 

@@ -16,7 +16,7 @@ from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
 from lerobot_lisa.errors import UserError
 
 CONFIG, BEFORE, AFTER = "config.json", "policy_preprocessor.json", "policy_postprocessor.json"
-READS = "this reads checkpoints of babyai_rnn, lang_bc, lang_dt, lisa"
+READS = "this reads checkpoints of babyai_rnn, kmeans_skills, lang_bc, lang_dt, lisa, lorel_planner"
 TOKENIZER = "policy_preprocessor_step_2_lisa_instructions.safetensors"
 Change = Callable[[Any], object]
 

@@ -1,4 +1,4 @@
-"""The original baselines as policies of LeRobot: BabyAI's recurrent network and LOReL's behaviour cloning."""
+"""The original baselines as policies of LeRobot: they act as they train, learn, load, and say what they cannot do."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import tiny_checkpoints
 import tiny_datasets
 import torch
 from lerobot.policies.factory import get_policy_class, make_policy, make_pre_post_processors
-from replay import NORMALISED, TASKS, actions_of, assert_rollout_is_training, live_observations
+from replay import NORMALISED, TASKS, actions_of, assert_rollout_is_training, live_observations, step_batch
 from tiny_policies import Training, config, training
 
 from lerobot_lisa.checkpoints.load import load_checkpoint, load_config
@@ -16,7 +16,8 @@ from lerobot_lisa.errors import UserError
 KINDS = ["babyai_rnn", "lang_bc"]
 EACH = pytest.mark.parametrize("kind", KINDS)
 DATA = {"babyai_rnn": ["symbolic"], "lang_bc": ["symbolic", "continuous", "pictures"]}
-EVERY = pytest.mark.parametrize(("kind", "data"), [(kind, data) for kind in KINDS for data in DATA[kind]])
+IMITATE = [(kind, data) for kind in KINDS for data in DATA[kind]]
+EVERY = pytest.mark.parametrize(("kind", "data"), IMITATE)
 
 
 @EVERY
@@ -65,7 +66,7 @@ def test_rollouts_change_nothing_that_is_saved(kind: str, symbolic: Path) -> Non
     assert all(torch.equal(before[key], value) for key, value in made.policy.state_dict().items())
 
 
-@EVERY
+@pytest.mark.parametrize(("kind", "data"), [*IMITATE, ("lorel_planner", "continuous"), ("kmeans_skills", "symbolic")])
 def test_checkpoints_load_as_lerobot_loads_them(
     kind: str, data: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -179,3 +180,111 @@ def test_where_it_looked_is_not_known(kind: str, symbolic: Path) -> None:
 
     assert made.policy.looks is None
     assert config(kind).augment is False
+
+
+# LOReL's planner.
+
+
+def test_the_planner_trains_and_plans(continuous: Path) -> None:
+    made = training("lorel_planner", continuous).warm_up()
+    made.policy.train()
+    _, metrics = made.policy.forward(made.batch(made.first_frames()))
+    losses, _ = made.policy.forward(made.batch(made.first_frames()), reduction="none")
+    observations = live_observations(made, 2, 3)
+    made.policy.reset()
+    first = [made.policy.select_action(step_batch(made, observations, step, TASKS[:2])) for step in range(3)]
+    made.policy.reset()
+    second = [made.policy.select_action(step_batch(made, observations, step, TASKS[:2])) for step in range(3)]
+    made.policy.reset()
+    made.policy.rollouts = 0
+    again = [made.policy.select_action(step_batch(made, observations, step, TASKS[:2])) for step in range(3)]
+
+    assert metrics.keys() == {"model_loss", "judge_loss", "judge_accuracy"}
+    assert losses.shape == (len(tiny_datasets.LENGTHS),)
+    assert all(torch.equal(one, other) for one, other in zip(first, again, strict=True))
+    assert not torch.equal(first[0], second[0])  # another rollout searches with other random numbers
+    bounds = made.policy.network.head.bounds
+    assert all((action >= bounds[0]).all() and (action <= bounds[1]).all() for action in first)
+
+
+def test_a_planner_that_plans_within_a_frame_of_data(tmp_path: Path) -> None:
+    features = {"observation.state": tiny_datasets.STATE, "action": tiny_datasets.MOVE}
+    made = training("lorel_planner", tiny_datasets.write(tmp_path / "data", features, lengths=[1]))
+    loss, metrics = made.policy.forward(made.batch([0]))
+    assert loss == 0
+    assert metrics["judge_accuracy"] == 0
+
+
+@pytest.mark.parametrize("data", ["symbolic", "pictures"])
+def test_a_planner_needs_states(data: str, request: pytest.FixtureRequest) -> None:
+    with pytest.raises(UserError, match=r"lorel_planner imagines states, and has no model of `observation\.") as caught:
+        training("lorel_planner", request.getfixturevalue(data))
+    assert "\n" not in str(caught.value)
+
+
+def test_more_elites_than_plans() -> None:
+    with pytest.raises(UserError, match=r"--policy\.plan_elites=30 are the best of --policy\.plan_samples=20"):
+        config("lorel_planner", plan_elites=30)
+
+
+# Skills by k-means.
+
+
+@pytest.mark.parametrize("data", ["symbolic", "continuous"])
+def test_rollouts_with_kmeans_skills_are_training(data: str, request: pytest.FixtureRequest) -> None:
+    settings = {} if data == "symbolic" else {"normalization_mapping": NORMALISED}
+    made = training("kmeans_skills", request.getfixturevalue(data), **settings).warm_up()
+
+    assert made.policy.n_codes == 5
+    assert_rollout_is_training(made, steps=14)
+
+
+def test_kmeans_clusters_the_whole_dataset_once(symbolic: Path) -> None:
+    made, others = (training("kmeans_skills", symbolic) for _ in range(2))
+    made.policy.train()
+    made.policy.forward(made.batch(made.first_frames([0])))
+    centers = made.policy.network.quantizer.centers.clone()
+    vectors = made.policy._vectors(made.batch([0]))
+    before = torch.get_rng_state()
+    others.policy.train()
+    others.policy.forward(others.batch(others.first_frames([3])))  # whatever it is trained on first
+    made.warm_up(3)
+
+    assert vectors.shape == (sum(tiny_datasets.LENGTHS), 32 + 148)
+    assert torch.equal(made.policy.network.quantizer.centers, centers)
+    assert torch.equal(others.policy.network.quantizer.centers, centers)
+    assert torch.equal(before, torch.get_rng_state())
+    nearest = torch.cdist(vectors, centers).argmin(1)
+    for code in nearest.unique():  # k-means has come to rest
+        torch.testing.assert_close(vectors[nearest == code].mean(0), centers[code], atol=1e-4, rtol=1e-4)
+
+
+def test_kmeans_learns_nothing_of_language_and_what_it_clusters(symbolic: Path) -> None:
+    made = training("kmeans_skills", symbolic).warm_up()
+    loss, metrics = made.policy.forward(made.batch(made.first_frames()))
+    loss.backward()
+
+    learned = {name.split(".")[1] for name, p in made.policy.named_parameters() if p.grad is not None and p.grad.any()}
+    assert learned == {"observations", "skill_embedding", "action_predictor"}
+    assert {"codes_used", "perplexity", "mutual_information"} <= metrics.keys()
+
+
+def test_kmeans_skills_can_be_steered_and_loaded(symbolic: Path, tmp_path: Path) -> None:
+    folder = tiny_checkpoints.kmeans_skills(symbolic, tmp_path / "kmeans")
+    policy, preprocess, _, _ = load_checkpoint(load_config(str(folder), ["--skill_plan=4"]))
+    seen = {key: torch.ones(2, *feature.shape) for key, feature in policy.config.input_features.items()}
+    policy.select_action(preprocess({**seen, "task": TASKS[:2]}))
+
+    assert policy.skill_codes.tolist() == [4, 4]
+    assert policy.code_labels is None
+
+
+@pytest.mark.parametrize("setting", [{"copy_words": True}, {"quantizer": "fsq"}, {"n_code_parts": 2}])
+def test_what_only_learned_skills_can_do(setting: dict[str, object], symbolic: Path) -> None:
+    with pytest.raises(UserError, match=rf"--policy\.{next(iter(setting))}=.* skills of kmeans_skills are not learned"):
+        config("kmeans_skills", **setting)
+
+
+def test_kmeans_wants_no_pictures(pictures: Path) -> None:
+    with pytest.raises(UserError, match="clusters states and symbols"):
+        training("kmeans_skills", pictures)

@@ -13,17 +13,31 @@ import lerobot_lisa  # noqa: F401  registers the policies
 from lerobot_lisa.policies.babyai_rnn.configuration_babyai_rnn import BabyAIRNNConfig
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.base_modeling import EpisodePolicy
+from lerobot_lisa.policies.kmeans_skills.configuration_kmeans_skills import KMeansSkillsConfig
 from lerobot_lisa.policies.lang_bc.configuration_lang_bc import LangBCConfig
 from lerobot_lisa.policies.lang_dt.configuration_lang_dt import LangDTConfig
 from lerobot_lisa.policies.lisa.configuration_lisa import LisaConfig
+from lerobot_lisa.policies.lorel_planner.configuration_lorel_planner import LorelPlannerConfig
 
-CONFIGS = {"lisa": LisaConfig, "lang_dt": LangDTConfig, "babyai_rnn": BabyAIRNNConfig, "lang_bc": LangBCConfig}
+CONFIGS = {
+    "lisa": LisaConfig,
+    "lang_dt": LangDTConfig,
+    "babyai_rnn": BabyAIRNNConfig,
+    "lang_bc": LangBCConfig,
+    "lorel_planner": LorelPlannerConfig,
+    "kmeans_skills": KMeansSkillsConfig,
+}
+SIZES = {
+    "lisa": {"codebook_size": 5, "horizon": 3, "quantizer_warmup_steps": 0},
+    "kmeans_skills": {"codebook_size": 5, "horizon": 3},
+    "lorel_planner": {"plan_steps": 3, "plan_samples": 20, "plan_elites": 4},
+}
 SMALL = {"dim_model": 32, "n_heads": 2, "device": "cpu", "push_to_hub": False}
 
 
 def config(kind: str, **settings: Any) -> EpisodePolicyConfig:
     """A small configuration with the built-in language encoder, unless told otherwise."""
-    sizes = {"codebook_size": 5, "horizon": 3, "quantizer_warmup_steps": 0} if kind == "lisa" else {}
+    sizes = SIZES.get(kind, {})
     return CONFIGS[kind](**{"language_encoder": "words", **SMALL, **sizes, **settings})
 
 

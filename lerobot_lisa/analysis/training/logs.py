@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from lerobot_lisa.analysis.material import POLICIES
 from lerobot_lisa.errors import UserError
 
 CURVES = {
@@ -18,6 +19,9 @@ CURVES = {
     "perplexity": "Skill codes in effective use (perplexity)",
     "codes_used": "Skill codes used in a batch",
     "mutual_information": "Language-code mutual information (bits)",
+    "model_loss": "Loss of the planner's model (per frame)",
+    "judge_loss": "Loss of the planner's judge",
+    "judge_accuracy": "Right answers of the judge (share)",
 }
 """What the policies log, by the names that they log it under."""
 
@@ -75,7 +79,7 @@ def _check_first(path: Path, line: str, step: int) -> None:
 
 def _settings(text: str) -> dict[str, Any]:
     """From the configuration that the log starts with, printed as a Python dictionary."""
-    patterns = {key: rf"'{key}': (\d+|'(?:lisa|lang_dt)')" for key in SETTINGS.values()}
+    patterns = {key: rf"'{key}': (\d+|'(?:{'|'.join(POLICIES)})')" for key in SETTINGS.values()}
     found = {name: re.search(patterns[key], text) for name, key in SETTINGS.items()}
     return {name: match[1].strip("'") for name, match in found.items() if match}
 

@@ -1,0 +1,54 @@
+"""Cross-entropy method: a search for actions that draws plans, keeps the best ones, and draws around these again."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class CrossEntropySearch:
+    """How plans are sought (Rubinstein and Kroese, 2004).
+
+    Attributes:
+        steps: T, length of a plan.
+        samples: Plans drawn in each round.
+        elites: The best of them, around which the next round draws.
+        rounds: How many there are.
+    """
+
+    steps: int
+    samples: int
+    elites: int
+    rounds: int
+
+    @torch.no_grad()
+    def __call__(
+        self,
+        value: Callable[[Tensor], Tensor],
+        bounds: Tensor,
+        searches: int,
+        generator: torch.Generator | None = None,
+    ) -> Tensor:
+        """Several searches side by side.
+
+        Args:
+            value: Of plans (B, samples, T, A), (B, samples); the greatest is best.
+            bounds: (2, A) least and greatest action.
+            searches: B.
+            generator: What to draw from; None: torch's own.
+
+        Returns:
+            The mean of the last round's elites, (B, T, A).
+        """
+        low, high = bounds
+        mean = ((low + high) / 2).expand(searches, self.steps, len(low))
+        spread = ((high - low) / 2).expand_as(mean)
+        for _ in range(self.rounds):
+            noise = torch.randn(searches, self.samples, *mean.shape[1:], generator=generator, device=bounds.device)
+            plans = torch.maximum(torch.minimum(mean[:, None] + spread[:, None] * noise, high), low)
+            best = value(plans).topk(self.elites, dim=1).indices
+            elites = plans[torch.arange(searches, device=best.device)[:, None], best]
+            mean, spread = elites.mean(1), elites.std(1, correction=0)
+        return mean

@@ -1,0 +1,1 @@
+"""LOReL's planner: a learned reward, a learned model of the world, and the cross-entropy method."""
