@@ -32,7 +32,14 @@ class PlainNumbers(nn.Module):
 
 
 class LanguageAndState(nn.Module):
-    """What is clustered: the mean of the instruction's tokens, and the state at the time. Nothing here learns."""
+    """What is clustered: the mean of the instruction's tokens, and the state at the time. Nothing here learns.
+
+    Attributes:
+        stride: Of the steps that are looked at: all.
+        reach: Steps before a question that matter to the answer: none.
+    """
+
+    stride, reach = 1, 0
 
     def forward(self, language: Tensor, language_valid: Tensor, seen: Tensor, packing: Packing, horizon: int) -> Tensor:
         """Vectors (C, D + S) of the first frame of each chunk; arguments as in `SkillPredictor.forward`."""
@@ -43,7 +50,7 @@ class LanguageAndState(nn.Module):
         """Start a rollout: remember the instruction, (B, D)."""
         return _mean(language, language_valid)
 
-    def ask(self, memory: Tensor, seen: Tensor, first_step: int) -> Tensor:
+    def ask(self, memory: Tensor, seen: Tensor, when: Sequence[int]) -> Tensor:
         """Vectors (B, D + S) of the newest of the observations (B, n, S)."""
         return torch.cat([memory, seen[:, -1]], dim=-1).detach()
 

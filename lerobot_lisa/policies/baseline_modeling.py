@@ -17,7 +17,7 @@ class BaselinePolicy(EpisodePolicy):
         encoder = parameter_group("language_encoder", [self.network.language.encoder], self.config.language_rate)
         theirs = {id(parameter) for parameter in encoder["params"]}
         others = [parameter for parameter in self.network.parameters() if id(parameter) not in theirs]
-        return [{"name": "policy", "params": others, "lr": self.config.optimizer_lr}, encoder]
+        return [{"name": "policy", "params": others, "lr": self.config.policy_rate}, encoder]
 
     def predict(
         self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.babyai_rnn import BabyAIRNN
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.film import FilmGridEncoder
 from lerobot_lisa.policies.babyai_rnn.configuration_babyai_rnn import BabyAIRNNConfig
 from lerobot_lisa.policies.base_configuration import SYMBOLS
@@ -26,7 +27,7 @@ class BabyAIRNNPolicy(BaselinePolicy):
     config: BabyAIRNNConfig
     network: BabyAIRNN
 
-    def make_network(self, action_bounds: Tensor) -> BabyAIRNN:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> BabyAIRNN:
         """Of the configured widths."""
         config, (key, shape) = self.config, find_grid(self.config)
         language = make_language_encoder(config)
@@ -35,7 +36,7 @@ class BabyAIRNNPolicy(BaselinePolicy):
             language=language,
             grid_key=key,
             grid=FilmGridEncoder(shape, SYMBOLS, config.dim_model),
-            others=None if lonely else make_observation_encoder(config, language, without=[key]),
+            others=None if lonely else make_observation_encoder(config, language, backbone, without=[key]),
             width=config.dim_model,
             memory=config.memory_width,
             dropout=config.dropout,

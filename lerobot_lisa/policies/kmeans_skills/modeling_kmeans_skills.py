@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from lerobot_lisa.episodes.runs import task_runs
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.kmeans_skills import KMeansCodes, LanguageAndState, PlainNumbers, WholeVectors
 from lerobot_lisa.networks.language import pad_tokens
 from lerobot_lisa.networks.lisa import Lisa
@@ -26,7 +27,7 @@ class KMeansSkillsPolicy(LisaPolicy):
     name = "kmeans_skills"
     config: KMeansSkillsConfig
 
-    def make_network(self, action_bounds: Tensor) -> Lisa:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> Lisa:
         """LISA's network with its skill predictor and its codebook replaced."""
         config, language = self.config, make_language_encoder(self.config)
         width = config.dim_model + sum(prod(feature.shape) for feature in config.input_features.values())
@@ -52,7 +53,7 @@ class KMeansSkillsPolicy(LisaPolicy):
     @torch.no_grad()
     def _vectors(self, batch: dict[str, Any]) -> Tensor:
         """What language and states are at every frame of the dataset, or at enough of them, (n, D + S)."""
-        store, instructions = self._episodes(batch), self._instructions_of_runs()
+        store, instructions = self.frames.episodes(batch, self._device), self._instructions_of_runs()
         every = ceil(int(store.lengths[store.present].sum()) / MOST_FRAMES)
         vectors = []
         for episodes in store.present.nonzero()[:, 0].split(TOGETHER):
@@ -65,7 +66,7 @@ class KMeansSkillsPolicy(LisaPolicy):
 
     def _instructions_of_runs(self) -> list[list[int]]:
         """Token ids of every episode of the store."""
-        meta, tokenizer = self._dataset, make_tokenizer(self.config)
+        meta, tokenizer = self.frames.dataset, make_tokenizer(self.config)
         assert meta is not None  # the store has been read
         tasks = dict(zip(meta.tasks["task_index"], meta.tasks.index, strict=True))
         ids = {task: tokenizer.encode(str(text)).ids[:LONGEST] or [1] for task, text in tasks.items()}

@@ -2,6 +2,7 @@
 
 from torch import Tensor
 
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.lang_bc import LangBC
 from lerobot_lisa.policies.baseline_modeling import BaselinePolicy
 from lerobot_lisa.policies.lang_bc.configuration_lang_bc import LangBCConfig
@@ -16,12 +17,12 @@ class LangBCPolicy(BaselinePolicy):
     config: LangBCConfig
     network: LangBC
 
-    def make_network(self, action_bounds: Tensor) -> LangBC:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> LangBC:
         """An MLP over sentence and observation."""
         config, language = self.config, make_language_encoder(self.config)
         return LangBC(
             language=language,
-            observations=make_observation_encoder(config, language),
+            observations=make_observation_encoder(config, language, backbone),
             width=config.dim_model,
             dropout=config.dropout,
             head=make_last_head(config, action_bounds),

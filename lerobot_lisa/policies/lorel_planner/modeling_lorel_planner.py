@@ -5,6 +5,7 @@ from math import prod
 import torch
 from torch import Tensor
 
+from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.cross_entropy import CrossEntropySearch
 from lerobot_lisa.networks.lorel_planner import LorelPlanner, PlannedActions
 from lerobot_lisa.networks.packing import Packing
@@ -23,7 +24,7 @@ class LorelPlannerPolicy(BaselinePolicy):
     config: LorelPlannerConfig
     network: LorelPlanner
 
-    def make_network(self, action_bounds: Tensor) -> LorelPlanner:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> LorelPlanner:
         """Model, judge and search of the configured sizes."""
         config = self.config
         return LorelPlanner(
