@@ -7,7 +7,7 @@ lisa-unseen --dataset.root=data/lorel_states --suite=rephrasals
 import json
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import pyarrow as pa
@@ -16,8 +16,10 @@ from tqdm import tqdm
 
 from dataset_converters.seeds import FIRST_TRAINING_SEED
 from lerobot_lisa.analysis.commands import check_number, run_command
+from lerobot_lisa.analysis.files import write_json
 from lerobot_lisa.analysis.success.rates import success_rate
 from lerobot_lisa.analysis.training_data import DatasetOptions
+from lerobot_lisa.code_version import made
 from lerobot_lisa.envs.lorel.suites import SUITES
 from lerobot_lisa.errors import UserError
 
@@ -46,6 +48,9 @@ class UnseenConfig:
 
     n: int = 10_000
     """Missions drawn."""
+
+    json: Path | None = None
+    """File for the shares as JSON, too."""
 
     seed: int = 1000
     """Of the first mission; the others count up. Demonstrations are made with seeds above those allowed here."""
@@ -110,13 +115,18 @@ def report(labelled: _Labelled, seen: frozenset[str], drawn: bool) -> Iterator[s
         seen: Demonstrated instructions.
         drawn: Whether the instructions were drawn from more of them, so that their share has an interval.
     """
+    for kind, listed in _by_kind(labelled, seen).items():
+        share = success_rate(listed) if drawn else f"{sum(listed)} of {len(listed)}".rjust(9)
+        yield f"{share}  unseen, of {kind}"
+
+
+def _by_kind(labelled: _Labelled, seen: frozenset[str]) -> dict[str, list[bool]]:
+    """Which instructions are unseen: all of them, then those of each kind."""
     by_kind: dict[str, list[bool]] = {}
     for instruction, kind in labelled:
         by_kind.setdefault(kind, []).append(instruction not in seen)
     everything = [unseen for listed in by_kind.values() for unseen in listed]
-    for kind, listed in {"all": everything, **dict(sorted(by_kind.items()))}.items():
-        share = success_rate(listed) if drawn else f"{sum(listed)} of {len(listed)}".rjust(9)
-        yield f"{share}  unseen, of {kind}"
+    return {"all": everything, **dict(sorted(by_kind.items()))}
 
 
 def main() -> int:
@@ -137,9 +147,13 @@ def run(config: UnseenConfig) -> None:
         labelled: _Labelled = [(task.instruction, task.kind) for task in SUITES[config.suite]]
     else:
         about = f"{config.n:,} fresh {config.level} missions, of seeds {config.seed} to {config.seed + config.n - 1}:"
-        labelled = draw_missions(str(config.level), config.n, config.seed)
+        labelled = list(draw_missions(str(config.level), config.n, config.seed))
     lines = list(report(labelled, seen, drawn=not config.suite))
     print(f"{root}: {episodes:,} demonstrations with {len(seen):,} distinct instructions", about, *lines, sep="\n")
+    if config.json:
+        rates = {kind: {"unseen": asdict(success_rate(listed))} for kind, listed in _by_kind(labelled, seen).items()}
+        rates["overall"] = rates.pop("all")
+        write_json({"rates": rates, "made": made()}, config.json, indent=2)
     if published := PAPER.get(str(config.level), {}).get(episodes):
         print(f"The paper has {published} % with as many demonstrations.")
 

@@ -22,6 +22,7 @@ from lerobot_lisa.analysis.listening.affordance_figure import affordance_plot
 from lerobot_lisa.analysis.listening.heard_figure import heard_plot
 from lerobot_lisa.analysis.listening.other_words import OTHER, TOLD
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig
+from lerobot_lisa.code_version import made
 from lerobot_lisa.errors import UserError
 
 
@@ -69,7 +70,7 @@ def diagnose_heard(config: HeardConfig) -> None:
     seeds = f"seeds {config.seed} to {config.seed + config.n_episodes - 1}"
     with styled():
         write(heard_plot(runs, f"{len(runs.pairs):,} episodes, {seeds}"), config.output_dir)
-    write_json(heard.as_json(runs), config.output_dir / "heard.json", indent=2)
+    write_json({**heard.as_json(runs), "made": made()}, config.output_dir / "heard.json", indent=2)
     print(*heard.lines(runs), heard.READING, config.output_dir / "heard.json", sep="\n")
     if runs.otherwise is None:
         raise UserError(
