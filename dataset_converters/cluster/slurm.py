@@ -66,24 +66,47 @@ class Slurm:
 
 def slurm_executor(plan: Plan, workers: int, slurm: Slurm) -> PipelineExecutor:
     """An array of jobs, `workers` of them at a time, and a job that merges when all of them have succeeded."""
+    shards = jobs(MakeShards(plan), plan.shards, workers, slurm, plan.root.name, plan.logs)
+    return jobs(MergeShards(plan), 1, workers, slurm, plan.root.name, plan.logs, shards)
 
-    def executor(step: MakeShards | MergeShards, tasks: int, depends: PipelineExecutor | None) -> PipelineExecutor:
-        name = step.name.replace(" ", "_")
-        return SlurmPipelineExecutor(
-            [step],
-            tasks=tasks,
-            time=slurm.time,
-            partition=slurm.partition,
-            mem_per_cpu_gb=slurm.memory,
-            workers=workers,
-            job_name=f"{plan.root.name}_{name}",
-            qos=slurm.qos,
-            venv_path=_activation(),
-            depends=depends,
-            logging_dir=str(plan.logs / name),
-        )
 
-    return executor(MergeShards(plan), 1, executor(MakeShards(plan), plan.shards, None))
+def jobs(
+    step: PipelineStep,
+    tasks: int,
+    workers: int,
+    slurm: Slurm,
+    whose: str,
+    logs: Path,
+    depends: PipelineExecutor | None = None,
+    **more: Any,
+) -> PipelineExecutor:
+    """An array of jobs, one for each task of a pipeline's only step.
+
+    Args:
+        step: Does task r.
+        tasks: How many there are.
+        workers: How many run at a time.
+        slurm: What is asked for.
+        whose: Of the jobs' names the first part; the second is the step's name.
+        logs: Folder for a folder of logs.
+        depends: What has to succeed before.
+        more: Options of datatrove's.
+    """
+    name = step.name.replace(" ", "_")
+    return SlurmPipelineExecutor(
+        [step],
+        tasks=tasks,
+        time=slurm.time,
+        partition=slurm.partition,
+        mem_per_cpu_gb=slurm.memory,
+        workers=workers,
+        job_name=f"{whose}_{name}",
+        qos=slurm.qos,
+        venv_path=_activation(),
+        depends=depends,
+        logging_dir=str(logs / name),
+        **more,
+    )
 
 
 def _activation() -> str | None:

@@ -33,7 +33,8 @@ def told(successes: int) -> dict:
         "n_episodes": 10, "seed": 1000, "batch_size": 5, "checkpoint": {"sha256": "abc"}, "versions": {},
         "policy_path": "/home/somebody/run",
     }  # fmt: skip
-    return {"told": "other", "rates": {"overall": overall}, "evaluation": origin}
+    made = {"commit": "def5678", "command": "lisa-diagnose heard --policy.path=/home/somebody/run/x --seed=1000"}
+    return {"told": "other", "rates": {"overall": overall}, "evaluation": origin, "made": made}
 
 
 def test_runs_are_kept_pooled_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,9 +49,14 @@ def test_runs_are_kept_pooled_and_shown(tmp_path: Path, monkeypatch: pytest.Monk
 
     page = results.PAGE.read_text()
     line = "| GoToSeq 1k | BabyAI's own | LISA | **85.0 %** (64.0 to 94.8) | 70.0, 70.0 | 0.50, 0.50 | 70.0 %, 80.0 % |"
-    assert f"{line} 2 x 10 | 59.4 % |" in page
+    files = [f"[abc1234](results/babyai/gotoseq_1k_lisa_seed{seed}_own_limit.json)" for seed in (0, 1)]
+    assert f"{line} 2 x 10 | 59.4 ± 0.9 % | {', '.join(files)} |" in page
+    assert "| GoToSeq 10k | BabyAI's own | LISA | not run |  |  |  |  | 65.4 ± 1.6 % |  |" in page
     assert page.startswith("before")
     assert page.endswith("after\n")
+    kept = json.loads((results.FOLDER / "babyai" / "gotoseq_1k_lisa_seed0_own_limit.json").read_text())
+    assert kept["commands"] == {"heard": "lisa-diagnose heard --policy.path=.../x --seed=1000"}
+    assert kept["commits"] == {"train": "abc1234", "heard": "def5678"}
     assert "somebody" not in "".join(path.read_text() for path in results.FOLDER.rglob("*.json"))
 
 

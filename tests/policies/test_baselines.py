@@ -129,7 +129,7 @@ def test_four_episodes_by_heart(kind: str, tmp_path: Path) -> None:
 @EVERY
 def test_every_parameter_is_in_one_group(kind: str, data: str, request: pytest.FixtureRequest) -> None:
     """And no table of actions is carried along that nothing looks at."""
-    made = training(kind, request.getfixturevalue(data), optimizer_lr_language=1e-7)
+    made = training(kind, request.getfixturevalue(data), optimizer_lr=1e-4, optimizer_lr_language=1e-7)
     groups = made.policy.get_optim_params()
 
     handed_out = [id(parameter) for group in groups for parameter in group["params"]]

@@ -1,0 +1,62 @@
+"""How long things take on two cores of an AMD EPYC, from the logs of published runs: what estimates are made of."""
+
+from typing import NamedTuple
+
+SECONDS_TO_START = 15.0  # LeRobot's imports, opening a dataset, loading a policy
+
+
+class Speed(NamedTuple):
+    """Of one world.
+
+    Attributes:
+        frames: Of a training episode, as often as `lerobot-train` draws it: long ones more often.
+        demonstrations: Made in a second.
+        training: Seconds for a frame of a batch.
+        evaluation: Seconds for an episode, told its own instruction and told another one.
+    """
+
+    frames: float
+    demonstrations: float
+    training: float
+    evaluation: float
+
+
+SPEEDS = {
+    "GoToLocal": Speed(7, 1200, 1.2e-4, 0.02),
+    "GoTo": Speed(60, 100, 1.6e-4, 0.4),
+    "GoToSeq": Speed(115, 46, 1.6e-4, 0.9),
+    "SynthSeq": Speed(128, 31, 1.6e-4, 1.2),
+    "BossLevel": Speed(141, 30, 1.6e-4, 1.5),
+    "LOReL states": Speed(20, 75, 0.8e-4, 0.25),
+    "LOReL images": Speed(20, 6.2, 4e-4, 0.4),
+}
+"""Measured 2026-11-24 and 25: docs/performance.md, docs/scale.md and the logs of the runs in docs/results."""
+
+
+def seconds_of_data(world: str, episodes: int) -> float:
+    """To make a dataset."""
+    return SECONDS_TO_START + episodes / _speed(world).demonstrations
+
+
+def seconds_of_training(world: str, steps: int, batch: int) -> float:
+    """To train, with 30 ms of each step for what does not depend on frames."""
+    speed = _speed(world)
+    return SECONDS_TO_START + steps * (0.03 + batch * speed.frames * speed.training)
+
+
+def seconds_of_evaluation(world: str, episodes: int) -> float:
+    """To run episodes told their own instruction and told another one."""
+    return SECONDS_TO_START + episodes * _speed(world).evaluation
+
+
+def shown(seconds: float) -> str:
+    """Such as "40 s", "12 min", "3.5 h", "2.1 days"."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h" if seconds < 36 * 3600 else f"{seconds / 86400:.1f} days"
+
+
+def _speed(world: str) -> Speed:
+    return SPEEDS.get(world, SPEEDS["BossLevel"])

@@ -1,0 +1,150 @@
+"""Rows are differences: what they are made of can be read by LeRobot, and a mistake in one is a line."""
+
+from pathlib import Path
+
+import draccus
+import pytest
+from lerobot.configs.train import TrainPipelineConfig
+
+import lerobot_lisa  # noqa: F401  registers policies and environments
+from lerobot_lisa.envs.babyai.levels import LEVELS
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.reproduce.command import main
+from lerobot_lisa.reproduce.plan import Run, Settings, plan
+from lerobot_lisa.reproduce.rows import choose, find_configs, read_rows
+
+ROWS = read_rows()
+RUNS = plan(ROWS.values(), Settings(ROWS, Path("out")))
+
+
+def trainings(runs: list[Run]) -> dict[str, list[str]]:
+    """Commands of all trainings by the policy and what they depend on."""
+    steps = {step.key: step for run in runs for step in run.steps if step.kind == "train"}
+    return {step.label: step.command for step in steps.values()}
+
+
+def read(command: list[str]) -> TrainPipelineConfig:
+    """What `lerobot-train` makes of its options."""
+    path = next(word.partition("=")[2] for word in command if word.startswith("--config_path="))
+    words = [word for word in command[1:] if not word.startswith(("--config_path=", "--policy.path="))]
+    with draccus.config_type("yaml"):
+        return draccus.parse(TrainPipelineConfig, path, args=words)
+
+
+def test_every_number_of_the_papers_tables_has_a_row() -> None:
+    levels = {f"{level}_{size}" for level in ("gotoseq", "synthseq", "bosslevel") for size in ("1k", "10k", "100k")}
+    assert {name for name in ROWS if name.startswith("table1.")} == {
+        f"table1.{row}" for row in levels | {"lorel_states", "lorel_images"}
+    }
+    assert {name for name in ROWS if name.startswith("table3.")} == {f"table3.{row}" for row in levels}
+    assert {"table2.compositions", "ablations.horizon_5", "ablations.skills_100", "appendix.lorel_tasks"} <= set(ROWS)
+    assert ROWS["table1.gotoseq_1k"].paper["lisa"] == (59.4, 0.9)
+
+
+def test_lerobot_reads_the_training_of_every_row() -> None:
+    read_by_lerobot = {label: read(command) for label, command in trainings(RUNS).items()}
+
+    assert len(read_by_lerobot) > 40
+    boss = read_by_lerobot["table1.bosslevel_10k lisa seed 1"]
+    assert (boss.seed, boss.steps, boss.batch_size) == (1, 8000, 64)
+    assert (boss.policy.codebook_size, boss.policy.quantizer_warmup_steps) == (50, 4000)
+    assert boss.env.task == "BossLevel"
+    assert boss.dataset.repo_id == "local/bosslevel_10k"
+    assert read_by_lerobot["ablations.horizon_50 lisa seed 0"].policy.horizon == 50
+    assert all(not config.policy.push_to_hub for config in read_by_lerobot.values())
+
+
+def test_warm_ups_end_halfway() -> None:
+    """What to copy is learned before codes are placed, at every size of data."""
+    for label, command in trainings(RUNS).items():
+        if label.startswith("table1.") and "lorel" not in label and " lisa seed 0" in label:
+            config = read(command)
+            assert config.policy.quantizer_warmup_steps == config.steps // 2, label
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS.values() if row.table == "table1"], ids=lambda row: row.name)
+def test_lisa_and_lang_dt_differ_only_in_the_policy(row: object) -> None:
+    """The comparison is of methods: same data, same number of steps, same rates."""
+    commands = trainings([run for run in RUNS if run.row is row and run.seed == 0])
+    lisa, lang_dt = (read(commands[f"{row.name} {policy} seed 0"]) for policy in ("lisa", "lang_dt"))
+
+    for name in ("batch_size", "steps", "seed", "dataset", "env"):
+        assert getattr(lisa, name) == getattr(lang_dt, name), name
+    for name in ("optimizer_lr", "scheduler", "scheduler_warmup_steps", "dim_model", "n_heads", "language_encoder"):
+        assert getattr(lisa.policy, name) == getattr(lang_dt.policy, name), name
+
+
+def test_names_agree_with_what_is_made() -> None:
+    for row in ROWS.values():
+        level = row.data.get("level")
+        if level and row.table in ("table1", "table3"):
+            assert level in LEVELS
+            assert row.name.partition(".")[2].split("_")[0] == level.lower()
+            assert row.evaluate.get("env.task", row.evaluate.get("level")) == level
+            assert row.title.startswith(f"{level} {row.data['episodes'] // 1000}k")
+
+
+def test_rows_share_what_is_the_same() -> None:
+    """The paper's horizon is 10: its ablation is no other training than table 1's, and unseen words need its data."""
+    chosen = {run.row.name: run for run in RUNS if run.seed == 0 and run.policy in ("lisa", "dataset")}
+    of_table, of_ablation = chosen["table1.bosslevel_1k"], chosen["ablations.skills_50"]
+    assert of_table.steps[1].key == of_ablation.steps[1].key
+    assert of_table.steps[1].key != chosen["ablations.skills_20"].steps[1].key
+    assert of_table.steps[0].folder == chosen["table3.bosslevel_1k"].steps[0].folder
+
+
+def test_a_policy_without_a_recipe_is_told_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["--list", "appendix.kmeans_bosslevel_1k", f"--root={tmp_path}"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if " kmeans_skills 0 " in line)
+    assert "no recipe yet" in line
+    assert line.rstrip().endswith("20.2")
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [("gotoseq_1k", "table1.gotoseq_1k"), ("table1.gotosec_10k", "table1.gotoseq_10k"), ("ablation", "ablations")],
+)
+def test_an_unknown_row_names_near_ones(name: str, near: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([name]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: there is no row or table {name!r}: do you mean ")
+    assert near in error
+    assert error.count("\n") == 1
+
+
+def test_a_row_nobody_means_is_one_line_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["zzz"]) == 1
+    assert capsys.readouterr().err == (
+        "error: there is no row or table 'zzz': nothing is called nearly so (all: lisa-reproduce --list)\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("like: table1.gotoseq_1k\nhorizon: 3\n", "`horizon` is no setting of a row"),
+        ("like: tiny.bad\n", "goes round in circles"),
+        ("like: table9.nothing\n", "No such file"),
+        ("- 1\n", "a row is settings with names"),
+        ("a: [\n", "bad.yaml"),
+        ("title: x\n", "missing"),
+    ],
+)
+def test_a_row_that_cannot_be_read_is_one_line(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "tiny").mkdir()
+    (tmp_path / "tiny" / "bad.yaml").write_text(text)
+    with pytest.raises(UserError) as refused:
+        read_rows(tmp_path)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_table_is_all_of_its_rows() -> None:
+    assert [row.name for row in choose(["table2", "table2.compositions"], ROWS)] == ["table2.compositions"]
+    assert len(choose(["table1"], ROWS)) == 11
+
+
+def test_recipes_are_no_near_copies() -> None:
+    """One for each kind of data and policy; everything else is a row's difference."""
+    recipes = find_configs().glob("babyai/*/lisa.yaml")
+    assert {path.parent.name for path in recipes} == {"gotolocal_1k", "gotoseq_1k"}
