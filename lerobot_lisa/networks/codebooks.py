@@ -75,7 +75,7 @@ class LearnedCodes(Quantizer):
     def forward(self, embeddings: Tensor) -> Quantized:
         """Nearest codes of embeddings (N, parts, E)."""
         codes = self.makes_codes
-        if self.training:
+        if self.training and not self.frozen:
             self.steps += 1
         return self.quantize(embeddings) if codes else Quantized(embeddings, None, embeddings.new_zeros(()), None)
 
@@ -114,10 +114,11 @@ class Codebook(LearnedCodes):
 
     def quantize(self, embeddings: Tensor) -> Quantized:
         """Nearest codes of embeddings (N, parts, E)."""
-        if self.training and self.initialised and int(self.steps) % PLACED_ANEW == 0:
+        if self.training and not self.frozen and self.initialised and int(self.steps) % PLACED_ANEW == 0:
             self._place_anew(embeddings.detach())
         distances = self._distances(embeddings) if self.initialised else None
-        parts = [book(embeddings[None, :, part]) for part, book in enumerate(self._books)]
+        frozen = {"freeze_codebook": self.frozen}
+        parts = [book(embeddings[None, :, part], **frozen) for part, book in enumerate(self._books)]
         quantized, codes, losses = (torch.stack(column, dim=-1) for column in zip(*parts, strict=True))
         return Quantized(
             quantized[0].transpose(1, 2),
@@ -187,7 +188,7 @@ class ResidualCodebook(LearnedCodes):
 
     def quantize(self, embeddings: Tensor) -> Quantized:
         """Codes of embeddings (N, 1, E)."""
-        quantized, indices, losses = self.quantizer(embeddings[:, 0][None])
+        quantized, indices, losses = self.quantizer(embeddings[:, 0][None], freeze_codebook=self.frozen)
         codes = self.join(indices[0])
         return Quantized(quantized[0][:, None], codes, losses.sum(), self._distances(embeddings[:, 0]))
 

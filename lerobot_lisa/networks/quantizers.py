@@ -31,9 +31,11 @@ class Quantizer(nn.Module, ABC):
     Attributes:
         sizes: How many codes each part has; a skill code is one number, its parts' codes in mixed radix. Empty if
             skills are continuous.
+        frozen: Whether the codes stay as they are.
     """
 
     sizes: tuple[int, ...]
+    frozen = False
 
     @abstractmethod
     def forward(self, embeddings: Tensor) -> Quantized:
@@ -52,6 +54,11 @@ class Quantizer(nn.Module, ABC):
     def initialised(self) -> bool:
         """Whether codes have been placed."""
         return True
+
+    def freeze(self) -> None:
+        """From now on not one number of the codes moves, projections included; what they stand for still learns."""
+        self.frozen = True
+        self.requires_grad_(False)
 
     @property
     def makes_codes(self) -> bool:

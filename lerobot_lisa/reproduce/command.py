@@ -86,9 +86,9 @@ def _runs(rows: list[Row], settings: Settings, options: argparse.Namespace) -> l
     runs = plan(rows, settings, options.seeds)
     if not options.policies:
         return runs
-    chosen = [run for run in runs if run.policy in options.policies]
-    if unknown := set(options.policies) - {run.policy for run in chosen}:
-        known = ", ".join(dict.fromkeys(run.policy for run in runs))
+    chosen = [run for run in runs if run.kind in options.policies]
+    if unknown := set(options.policies) - {run.kind for run in chosen}:
+        known = ", ".join(dict.fromkeys(run.kind for run in runs))
         raise UserError(f"--policies {sorted(unknown)[0]}: these rows have {known}")
     return chosen
 

@@ -45,7 +45,7 @@ class Run:
 
     Attributes:
         row: Whose.
-        policy: Its name in the row.
+        policy: Its name in the row; "lisa@500" after 500 steps of its training.
         seed: Of the training.
         step: The evaluation; None: there is no recipe for the policy.
     """
@@ -54,6 +54,11 @@ class Run:
     policy: str
     seed: int
     step: Step | None
+
+    @property
+    def kind(self) -> str:
+        """The policy, whenever it is evaluated."""
+        return self.policy.partition("@")[0]
 
     @property
     def steps(self) -> list[Step]:
@@ -74,7 +79,8 @@ def plan(rows: Iterable[Row], settings: Settings, seeds: Sequence[int] | None = 
         only_data = row.policies == (DATA_ONLY,)
         for policy in (*row.policies, *({} if only_data else settings.also)):
             for seed in (0,) if only_data else (seeds or row.seeds):
-                runs.append(Run(row, policy, seed, evaluation(row, policy, seed, settings)))
+                for name in (*(f"{policy}@{steps}" for steps in row.curve), policy):
+                    runs.append(Run(row, name, seed, evaluation(row, name, seed, settings)))
     return runs
 
 
@@ -84,16 +90,18 @@ def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | N
     program = row.evaluate.get("program", HEARD)
     module, result = PROGRAMS[program]
     episodes = int(options.get("n_episodes", options.get("n", 100))) * int(row.evaluate.get("tasks", 1))
+    at = ""
     if policy == DATA_ONLY:
         before = data(row, settings)
         taken = {"dataset.root": before.folder / "data", **options, "json": f"{{folder}}/{result}"}
         seconds = speeds.SECONDS_TO_START + episodes * 0.01
     else:
-        trained = training(row, policy, seed, settings)
+        kind, _, at = policy.partition("@")
+        trained = training(row, kind, seed, settings)
         if trained is None:
             return None
         before = trained
-        taken = {"policy.path": checkpoint(trained), **_device(settings), **options, "output_dir": "{folder}"}
+        taken = {"policy.path": checkpoint(trained, at), **_device(settings), **options, "output_dir": "{folder}"}
         seconds = speeds.seconds_of_evaluation(row.world, episodes)
     world = options.get("env.type", "babyai")
     kind = program.split()[-1].removeprefix("lisa-")
@@ -105,6 +113,7 @@ def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | N
             "program": program,
             "options": options,
             "of": before.depends,
+            **({"at": at} if at else {}),
             "code": fingerprint([module, f"lerobot_lisa.envs.{world}.env", f"lerobot_lisa.envs.{world}.config"]),
         },
         template=(*program.split(), *as_words(taken)),
@@ -175,9 +184,10 @@ def data(row: Row, settings: Settings) -> Step:
     )
 
 
-def checkpoint(step: Step) -> Path:
-    """The policy that a training ends with."""
-    return (step.folder / step.result).parents[1] / "pretrained_model"
+def checkpoint(step: Step, at: str = "") -> Path:
+    """The policy that a training ends with, or the one after so many steps."""
+    last = (step.folder / step.result).parents[1]
+    return (last.with_name(_checkpoint_name(int(at))) if at else last) / "pretrained_model"
 
 
 def _start(row: Row, policy: str, seed: int, settings: Settings) -> Step | None:

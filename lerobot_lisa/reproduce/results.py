@@ -78,24 +78,37 @@ def table(runs: Iterable[Outcome], rows: Iterable[Row] = ()) -> str:
     for run in runs:
         groups.setdefault((run["row"], run["env"]["max_episode_steps"] or 0, run["policy"]), []).append(run)
     lines = [_HEAD]
-    for key, group in sorted(groups.items(), key=lambda item: _order(*item[0])):
+    places = {title: place for place, title in enumerate(listed)} if _in_order(listed.values()) else {}
+    for key, group in sorted(groups.items(), key=lambda item: (places.get(item[0][0], 0), *_order(*item[0]))):
         lines.append(_line(key, group, listed.get(key[0])))
     lines += [line for row in listed.values() for line in _peers(row)]
     return "\n".join(lines)
 
 
+def _in_order(rows: Iterable[Row]) -> bool:
+    """Whether rows stay in the order of their files; those of the main tables go by level and size."""
+    return not any(row.table in _MAIN for row in rows)
+
+
 def _order(row: str, limit: int, policy: str) -> tuple[Any, ...]:
     level, _, size = row.partition(" ")
-    place = [*POLICIES].index(policy) if policy in POLICIES else len(POLICIES)
-    return _LEVELS.index(level) if level in _LEVELS else len(_LEVELS), len(size), row, limit, place, policy
+    kind, _, steps = policy.partition("@")
+    place = [*POLICIES].index(kind) if kind in POLICIES else len(POLICIES)
+    at = int(steps) if steps else 10**12
+    return _LEVELS.index(level) if level in _LEVELS else len(_LEVELS), len(size), row, limit, place, kind, at
 
 
 def _line(key: _Group, runs: Sequence[Outcome], row: Row | None) -> str:
     title, limit, policy = key
     at_most = limit or (f"{_own(row)}'s own" if row else "its own")
     paper = _paper(row.paper.get(policy) if row else None)
-    cells = [title, at_most, POLICIES.get(policy, policy), *(_numbers(runs) if runs else ["not run", *[""] * 4]), paper]
+    cells = [title, at_most, _called(policy), *(_numbers(runs) if runs else ["not run", *[""] * 4]), paper]
     return f"| {' | '.join(str(cell) for cell in [*cells, _commits(runs)])} |"
+
+
+def _called(policy: str) -> str:
+    kind, _, steps = policy.partition("@")
+    return POLICIES.get(kind, kind) + (f", {int(steps):,} steps" if steps else "")
 
 
 def _own(row: Row) -> str:

@@ -27,6 +27,7 @@ class Row:
         recipes: Folder of `configs` that has a file for each policy, which `lerobot-train --config_path` reads.
         policies: What is trained; `DATA_ONLY` where nothing is.
         options: What differs from the recipe, by policy or under "all": options of `lerobot-train`.
+        curve: Steps of the training after which its policy is evaluated besides, for a learning curve.
         start: Name of a row whose policy of the same kind and seed training starts from; empty: from nothing.
         evaluate: `program` (default: `lisa-diagnose heard`) and how many `tasks` it runs (default: 1), for estimates;
             the rest are its options.
@@ -45,6 +46,7 @@ class Row:
     recipes: str = ""
     policies: tuple[str, ...] = ("lisa", "lang_dt")
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    curve: tuple[int, ...] = ()
     start: str = ""
     seeds: tuple[int, ...] = (0, 1)
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -166,7 +168,7 @@ def _typed(settings: Mapping[str, Any]) -> dict[str, Any]:
     if unknown := sorted(set(settings) - known):
         raise ValueError(f"`{unknown[0]}` is no setting of a row: choose from {', '.join(sorted(known))}")
     typed = dict(settings)
-    for key in ("policies", "seeds"):
+    for key in ("policies", "seeds", "curve"):
         if key in typed:
             typed[key] = tuple(typed[key])
     for key in ("paper", "peers"):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tiny_networks import codebook
 from torch import Tensor
 
-from lerobot_lisa.networks.codebooks import Codebook, CodebookSettings, ResidualCodebook, far_samples
+from lerobot_lisa.networks.codebooks import PLACED_ANEW, Codebook, CodebookSettings, ResidualCodebook, far_samples
 from lerobot_lisa.networks.quantizers import Continuous, FiniteScalars, Quantized, Quantizer
 
 SIZE, WIDTH = 6, 16
@@ -268,6 +268,27 @@ def several() -> dict[str, Quantizer]:
         for _ in range(3):
             quantizer.train()(inputs(quantizer))
     return {name: quantizer.eval() for name, quantizer in made.items()}
+
+
+@pytest.mark.parametrize("name", several())
+def test_frozen_codes_do_not_move(name: str) -> None:
+    """Not one number of them, statistics included, while what they stand for learns."""
+    quantizer = several()[name].train()
+    quantizer.freeze()
+    before = copy.deepcopy(quantizer.state_dict())
+    x = inputs(quantizer).requires_grad_()
+    start = x.detach().clone()
+    optimizer = torch.optim.Adam([x, *quantizer.parameters()], lr=0.1, weight_decay=0.1)
+
+    for _ in range(PLACED_ANEW + 2):
+        out = quantizer(x)
+        (out.embeddings.square().sum() + out.commitment).backward()
+        optimizer.step()
+        optimizer.zero_grad()
+
+    for key, value in quantizer.state_dict().items():
+        assert torch.equal(value, before[key]), key
+    assert not torch.equal(x, start)
 
 
 def inputs(quantizer: Quantizer, rows: int = 60) -> Tensor:

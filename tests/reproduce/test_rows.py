@@ -47,7 +47,7 @@ def test_lerobot_reads_the_training_of_every_row() -> None:
     assert len(read_by_lerobot) > 40
     boss = read_by_lerobot["table1.bosslevel_10k lisa seed 1"]
     assert (boss.seed, boss.steps, boss.batch_size) == (1, 8000, 64)
-    assert (boss.policy.codebook_size, boss.policy.quantizer_warmup_steps) == (50, 4000)
+    assert (boss.policy.own_codebook_size, boss.policy.quantizer_warmup_steps) == (32, 4000)
     assert boss.env.task == "BossLevel"
     assert boss.dataset.repo_id == "local/bosslevel_10k"
     assert read_by_lerobot["ablations.horizon_50 lisa seed 0"].policy.horizon == 50
@@ -87,9 +87,9 @@ def test_names_agree_with_what_is_made() -> None:
 def test_rows_share_what_is_the_same() -> None:
     """The paper's horizon is 10: its ablation is no other training than table 1's, and unseen words need its data."""
     chosen = {run.row.name: run for run in RUNS if run.seed == 0 and run.policy in ("lisa", "dataset")}
-    of_table, of_ablation = chosen["table1.bosslevel_1k"], chosen["ablations.skills_50"]
+    of_table, of_ablation = chosen["table1.bosslevel_1k"], chosen["ablations.horizon_10"]
     assert of_table.steps[1].key == of_ablation.steps[1].key
-    assert of_table.steps[1].key != chosen["ablations.skills_20"].steps[1].key
+    assert of_table.steps[1].key != chosen["ablations.horizon_5"].steps[1].key
     assert of_table.steps[0].folder == chosen["table3.bosslevel_1k"].steps[0].folder
 
 

@@ -25,6 +25,7 @@ def wait_for(pattern: str, folder: Path, process: subprocess.Popen[str]) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # seven programs, each of which imports PyTorch and LeRobot
 def test_a_row_is_interrupted_and_gone_on_with(
     own_rows: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -44,6 +44,8 @@ class LisaConfig(EpisodePolicyConfig):
             onto a random embedding; 0 never does. The paper does not mention it; without it codes die.
         quantizer_warmup_steps: Training steps before codes are placed; until then skills are continuous. About half of
             a training: what to copy has to be learned first. The paper does not mention it (0).
+        freeze_codebook: Keep the codes of the checkpoint that training starts from (`--policy.path`): not one number of
+            the codebook moves, its statistics included. The paper transfers skills so (appendix).
         skill_plan: Skill codes to follow in rollouts in place of the skill predictor's, such as "14" for the whole
             episode or "14*20,2*20" (see `networks.skill_plan`); None: none. The loss takes no notice of it.
         optimizer_lr_skill_predictor: Rate of the skill predictor and of the codebook's projections. None: the paper's
@@ -67,6 +69,7 @@ class LisaConfig(EpisodePolicyConfig):
     commitment_weight: float = 0.25
     dead_code_threshold: float = 1.0
     quantizer_warmup_steps: int = 1000
+    freeze_codebook: bool = False
 
     skill_plan: str | None = None
 
@@ -99,6 +102,8 @@ class LisaConfig(EpisodePolicyConfig):
         self._check_choice("quantizer", tuple(QUANTIZERS))
         if self.n_own_parts and (self.quantizer != "vq" or not self.copy_words):
             raise UserError("--policy.n_own_parts are beside copied phrases in a codebook: they need vq and copy_words")
+        if self.freeze_codebook and self.quantizer == "continuous":
+            raise UserError("--policy.freeze_codebook=true: continuous skills have no codebook to freeze")
         if not 1 <= len(self.fsq_levels) <= 16 or not all(3 <= level <= 1000 for level in self.fsq_levels):
             raise UserError(f"--policy.fsq_levels={self.fsq_levels!r:.60} must be 1 to 16 numbers from 3 to 1000")
         if self.predictor_stride and self.horizon % self.predictor_stride:

@@ -49,12 +49,15 @@ class LisaPolicy(EpisodePolicy):
         language = make_language_encoder(config)
         source = make_source(config, language)
         shared = config.shared_observation_encoder
+        quantizer = QUANTIZERS[config.quantizer].make(config, source.width)
+        if config.freeze_codebook:
+            quantizer.freeze()
         return Lisa(
             language=language,
             observations=make_observation_encoder(config, language, backbone),
             predictor=make_skill_predictor(config),
             source=source,
-            quantizer=QUANTIZERS[config.quantizer].make(config, source.width),
+            quantizer=quantizer,
             skill_embedding=nn.Linear(source.width, config.dim_model),
             action_predictor=make_action_predictor(config, action_bounds),
             horizon=config.horizon,
@@ -78,7 +81,12 @@ class LisaPolicy(EpisodePolicy):
     def predict(
         self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
     ) -> tuple[Tensor, Tensor, Metrics]:
-        """Predictions, commitment loss and what the codebook does."""
+        """Predictions, commitment loss and what the codebook does; `UserError` if there are no codes to keep."""
+        if self.config.freeze_codebook and not self.network.quantizer.initialised:
+            raise UserError(
+                "--policy.freeze_codebook=true keeps the codes that training starts from, but there are none yet: "
+                "start from a checkpoint that has codes, with --policy.path"
+            )
         outputs, skills = self.network(tokens, tokens_valid, frames, actions, packing)
         return outputs, skills.commitment, _describe(skills, self.n_codes)
 
