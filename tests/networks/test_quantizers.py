@@ -270,6 +270,26 @@ def several() -> dict[str, Quantizer]:
     return {name: quantizer.eval() for name, quantizer in made.items()}
 
 
+def inputs(quantizer: Quantizer, rows: int = 60) -> Tensor:
+    parts = len(quantizer.sizes) if isinstance(quantizer, Codebook) else 1
+    return torch.randn(rows, parts, WIDTH) * 3
+
+
+@pytest.mark.parametrize("name", several())
+def test_embed_gives_what_the_policy_saw(name: str) -> None:
+    quantizer = several()[name]
+    x = inputs(quantizer)
+
+    out = quantizer(x)
+
+    assert out.embeddings.shape == x.shape
+    assert out.codes.min() >= 0
+    assert out.codes.max() < quantizer.n_codes
+    torch.testing.assert_close(quantizer.embed(out.codes), out.embeddings, atol=1e-5, rtol=1e-5)
+    if isinstance(quantizer, Codebook):
+        assert torch.equal(out.distances.argmin(1), out.codes)
+
+
 @pytest.mark.parametrize("name", several())
 def test_frozen_codes_do_not_move(name: str) -> None:
     """Not one number of them, statistics included, while what they stand for learns."""
@@ -289,26 +309,6 @@ def test_frozen_codes_do_not_move(name: str) -> None:
     for key, value in quantizer.state_dict().items():
         assert torch.equal(value, before[key]), key
     assert not torch.equal(x, start)
-
-
-def inputs(quantizer: Quantizer, rows: int = 60) -> Tensor:
-    parts = len(quantizer.sizes) if isinstance(quantizer, Codebook) else 1
-    return torch.randn(rows, parts, WIDTH) * 3
-
-
-@pytest.mark.parametrize("name", several())
-def test_embed_gives_what_the_policy_saw(name: str) -> None:
-    quantizer = several()[name]
-    x = inputs(quantizer)
-
-    out = quantizer(x)
-
-    assert out.embeddings.shape == x.shape
-    assert out.codes.min() >= 0
-    assert out.codes.max() < quantizer.n_codes
-    torch.testing.assert_close(quantizer.embed(out.codes), out.embeddings, atol=1e-5, rtol=1e-5)
-    if isinstance(quantizer, Codebook):
-        assert torch.equal(out.distances.argmin(1), out.codes)
 
 
 @pytest.mark.parametrize("name", several())
