@@ -124,6 +124,10 @@ def options_of(words: list[str]) -> set[str] | None:
         if program in words:
             made = config if is_dataclass(config) else named(program, config)
             return set(dotted(made)) | BY_LEROBOT
+    if words[:1] == ["lisa-reproduce"]:
+        return set(
+            re.findall(r'"--([\w-]+)"', (ROOT / "lerobot_lisa/reproduce/command.py").read_text(encoding="utf-8"))
+        )
     module = words[2] if words[:2] == ["python", "-m"] else words[1] if words[:1] == ["python"] else ""
     folder = re.match(r"(dataset_converters|benchmarks)(?:[./](\w+))?", module)
     if not folder:

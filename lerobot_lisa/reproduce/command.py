@@ -24,7 +24,12 @@ from lerobot_lisa.reproduce.rows import Row, choose, read_rows
 from lerobot_lisa.reproduce.run import in_order, run_here, say_failures
 from lerobot_lisa.reproduce.steps import Step
 
-_MODULES = {"babyai": ("minigrid",), "lorel": ("mujoco", "metaworld")}
+_MODULES = {
+    "babyai": ("minigrid",),
+    "lorel": ("mujoco", "metaworld"),
+    "reproduce": ("doit",),
+    "scale": ("datatrove",),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -99,7 +104,7 @@ def _run_rows(rows: list[Row], runs: list[Run], settings: Settings, options: arg
     if options.dry_run:
         print(*_commands(steps), sep="\n")
         return
-    _check_extras(rows)
+    _check_extras([needs(row) for row in rows] + (["reproduce"] if options.executor == "local" else []))
     if options.executor == "slurm":
         _queue(steps, options)
         return
@@ -122,18 +127,18 @@ def _commands(steps: Sequence[Step]) -> list[str]:
     return [shlex.join(step.next_command) for step in whole.values() if step.note is None]
 
 
-def _check_extras(rows: list[Row]) -> None:
-    for extra in dict.fromkeys(needs(row) for row in rows):
+def _check_extras(extras: list[str]) -> None:
+    """Before hours of work, not after them."""
+    for extra in dict.fromkeys(extras):
         for module in _MODULES.get(extra, ()):
             if find_spec(module) is None:
-                raise UserError(f'{module} is missing: pip install "lerobot_policy_lisa[{extra},reproduce]"')
+                raise UserError(f'{module} is missing: pip install "lerobot_policy_lisa[{extra}]"')
 
 
 def _queue(steps: Sequence[Step], options: argparse.Namespace) -> None:
     if not options.partition:
         raise UserError("--executor=slurm needs --partition, the SLURM partition to run on")
-    if find_spec("datatrove") is None:
-        raise UserError('datatrove is missing: pip install "lerobot_policy_lisa[scale]"')
+    _check_extras(["scale"])
     from dataset_converters.cluster.slurm import Slurm
     from lerobot_lisa.reproduce.slurm import slurm_executor  # only this needs datatrove
 

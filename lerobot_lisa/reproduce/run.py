@@ -26,17 +26,12 @@ def run_here(steps: Sequence[Step], jobs: int) -> list[str]:
 
     Returns:
         What went wrong, a line for each step that failed; what does not need it has run all the same.
-
-    Raises:
-        UserError: doit is missing.
     """
-    try:
-        from doit.control import TaskControl
-        from doit.dependency import Dependency, JsonDB
-        from doit.runner import MThreadRunner, Runner
-        from doit.task import Stream, dict_to_task
-    except ModuleNotFoundError as error:
-        raise UserError(f'{error.name} is missing: pip install "lerobot_policy_lisa[reproduce]"') from None
+    from doit.control import TaskControl  # an extra, which lists and published numbers do without
+    from doit.dependency import Dependency, JsonDB
+    from doit.runner import MThreadRunner, Runner
+    from doit.task import Stream, dict_to_task
+
     failures: list[str] = []
     whole = {step.name: step for last in steps for step in last.chain()}
     control = TaskControl([dict_to_task(_task(step, failures)) for step in whole.values()])

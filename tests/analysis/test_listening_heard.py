@@ -24,6 +24,7 @@ from lerobot_lisa.analysis.listening.other_words import DEAF, NOTHING, OTHER
 from lerobot_lisa.analysis.recording import record as record_module
 from lerobot_lisa.analysis.recording import traces
 from lerobot_lisa.analysis.recording.evaluation import EvaluationConfig, load_config
+from lerobot_lisa.code_version import commit
 from lerobot_lisa.envs.babyai.config import BabyAIEnvConfig
 from lerobot_lisa.envs.babyai.env import BabyAIEnv
 from lerobot_lisa.errors import UserError
@@ -345,6 +346,8 @@ def test_heard_in_babyai(
     assert overall["success"]["episodes"] == overall["heard"]["episodes"] == 6
     assert set(overall["budgets"]) == {"1", "2", "4"}
     assert content["evaluation"]["seed"] == 1000
+    assert content["made"]["commit"] == commit()
+    assert content["made"]["command"].startswith("lisa-diagnose heard --policy.path=")
     for said in ("heard", "SPL", "success within 4 x the demonstrator's steps", heard.READING):
         assert said in printed
     assert ("first skill code" in printed) == (kind == "lisa")

@@ -9,6 +9,7 @@ from lerobot.configs.train import TrainPipelineConfig
 import lerobot_lisa  # noqa: F401  registers policies and environments
 from lerobot_lisa.envs.babyai.levels import LEVELS
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.reproduce import command
 from lerobot_lisa.reproduce.command import main
 from lerobot_lisa.reproduce.plan import Run, Settings, plan
 from lerobot_lisa.reproduce.rows import choose, find_configs, read_rows
@@ -23,12 +24,12 @@ def trainings(runs: list[Run]) -> dict[str, list[str]]:
     return {step.label: step.command for step in steps.values()}
 
 
-def read(command: list[str]) -> TrainPipelineConfig:
+def read(words: list[str]) -> TrainPipelineConfig:
     """What `lerobot-train` makes of its options."""
-    path = next(word.partition("=")[2] for word in command if word.startswith("--config_path="))
-    words = [word for word in command[1:] if not word.startswith(("--config_path=", "--policy.path="))]
+    path = next(word.partition("=")[2] for word in words if word.startswith("--config_path="))
+    options = [word for word in words[1:] if not word.startswith(("--config_path=", "--policy.path="))]
     with draccus.config_type("yaml"):
-        return draccus.parse(TrainPipelineConfig, path, args=words)
+        return draccus.parse(TrainPipelineConfig, path, args=options)
 
 
 def test_every_number_of_the_papers_tables_has_a_row() -> None:
@@ -42,7 +43,7 @@ def test_every_number_of_the_papers_tables_has_a_row() -> None:
 
 
 def test_lerobot_reads_the_training_of_every_row() -> None:
-    read_by_lerobot = {label: read(command) for label, command in trainings(RUNS).items()}
+    read_by_lerobot = {label: read(words) for label, words in trainings(RUNS).items()}
 
     assert len(read_by_lerobot) > 40
     boss = read_by_lerobot["table1.bosslevel_10k lisa seed 1"]
@@ -56,9 +57,9 @@ def test_lerobot_reads_the_training_of_every_row() -> None:
 
 def test_warm_ups_end_halfway() -> None:
     """What to copy is learned before codes are placed, at every size of data."""
-    for label, command in trainings(RUNS).items():
+    for label, words in trainings(RUNS).items():
         if label.startswith("table1.") and "lorel" not in label and " lisa seed 0" in label:
-            config = read(command)
+            config = read(words)
             assert config.policy.quantizer_warmup_steps == config.steps // 2, label
 
 
@@ -117,6 +118,28 @@ def test_a_row_nobody_means_is_one_line_too(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().err == (
         "error: there is no row or table 'zzz': nothing is called nearly so (all: lisa-reproduce --list)\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("row", "module", "extra"),
+    [
+        ("ours.gotolocal_1k", "minigrid", "babyai"),
+        ("table1.lorel_states", "metaworld", "lorel"),
+        ("table2", "doit", "reproduce"),
+    ],
+)
+def test_a_missing_extra_is_one_line_before_anything_runs(
+    row: str,
+    module: str,
+    extra: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(command, "find_spec", lambda name: None if name == module else name)
+    assert main([row, f"--root={tmp_path / 'out'}"]) == 1
+    assert capsys.readouterr().err == f'error: {module} is missing: pip install "lerobot_policy_lisa[{extra}]"\n'
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
