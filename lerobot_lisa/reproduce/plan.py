@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from lerobot_lisa.code_version import fingerprint
 from lerobot_lisa.errors import UserError
@@ -86,41 +87,42 @@ def plan(rows: Iterable[Row], settings: Settings, seeds: Sequence[int] | None = 
 
 def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | None:
     """The last step of a run; None: there is no recipe for its policy."""
-    options = {key: value for key, value in row.evaluate.items() if key not in ("program", "tasks")}
+    kind, _, at = policy.partition("@")
+    before = data(row, settings) if kind == DATA_ONLY else training(row, kind, seed, settings)
+    if before is None:
+        return None
     program = row.evaluate.get("program", HEARD)
     module, result = PROGRAMS[program]
-    episodes = int(options.get("n_episodes", options.get("n", 100))) * int(row.evaluate.get("tasks", 1))
-    at = ""
-    if policy == DATA_ONLY:
-        before = data(row, settings)
+    options = {key: value for key, value in row.evaluate.items() if key not in ("program", "tasks")}
+    if kind == DATA_ONLY:
         taken = {"dataset.root": before.folder / "data", **options, "json": f"{{folder}}/{result}"}
-        seconds = speeds.SECONDS_TO_START + episodes * 0.01
     else:
-        kind, _, at = policy.partition("@")
-        trained = training(row, kind, seed, settings)
-        if trained is None:
-            return None
-        before = trained
-        taken = {"policy.path": checkpoint(trained, at), **_device(settings), **options, "output_dir": "{folder}"}
-        seconds = speeds.seconds_of_evaluation(row.world, episodes)
-    world = options.get("env.type", "babyai")
-    kind = program.split()[-1].removeprefix("lisa-")
+        taken = {"policy.path": checkpoint(before, at), **_device(settings), **options, "output_dir": "{folder}"}
+    name, world = program.split()[-1].removeprefix("lisa-"), f"lerobot_lisa.envs.{options.get('env.type', 'babyai')}"
+    code = fingerprint([module, f"{world}.env", f"{world}.config"])
     return Step(
-        kind=kind,
+        kind=name,
         label=_label(row, policy, seed),
-        parent=settings.root / kind,
+        parent=settings.root / name,
         depends={
             "program": program,
             "options": options,
             "of": before.depends,
+            "code": code,
             **({"at": at} if at else {}),
-            "code": fingerprint([module, f"lerobot_lisa.envs.{world}.env", f"lerobot_lisa.envs.{world}.config"]),
         },
         template=(*program.split(), *as_words(taken)),
         result=result,
         after=(before,),
-        seconds=seconds,
+        seconds=_seconds_of_evaluation(row),
     )
+
+
+def _seconds_of_evaluation(row: Row) -> float:
+    episodes = int(row.evaluate.get("n_episodes", row.evaluate.get("n", 100))) * int(row.evaluate.get("tasks", 1))
+    if row.policies == (DATA_ONLY,):
+        return speeds.SECONDS_TO_START + episodes * speeds.SECONDS_FOR_A_MISSION
+    return speeds.seconds_of_evaluation(row.world, episodes)
 
 
 def training(row: Row, policy: str, seed: int, settings: Settings) -> Step | None:
@@ -128,37 +130,40 @@ def training(row: Row, policy: str, seed: int, settings: Settings) -> Step | Non
     path = settings.also.get(policy) or _short(find_configs() / row.recipes / f"{policy}.yaml")
     if not path.is_file():
         return None
-    recipe, demonstrations = read_recipe(path), data(row, settings)
-    options = dict(row.differences(policy))
-    whole = with_options(recipe, options)
-    start = _start(row, policy, seed, settings)
+    options = row.differences(policy)
+    whole = {**with_options(read_recipe(path), options), "seed": seed}
+    demonstrations, start = data(row, settings), _start(row, policy, seed, settings)
     given = {"dataset.repo_id": _repo_id(row), "dataset.root": demonstrations.folder / "data", "seed": seed}
-    if start is not None:
-        given["policy.path"] = checkpoint(start)
-    steps, kind = int(whole["steps"]), str(whole.get("policy", {}).get("type", policy))
-    done = f"run/checkpoints/{_checkpoint_name(steps)}"
-    module = f"lerobot_lisa.policies.{kind}"
+    given |= {"policy.path": checkpoint(start)} if start else {}
+    words = as_words({**given, **_device(settings), **options, "output_dir": "{folder}/run"})
+    steps = int(whole["steps"])
     return Step(
         kind="train",
         label=_label(row, policy, seed),
         parent=settings.root / "train",
-        depends={
-            "config": what_decides({**whole, "seed": seed}),
-            "data": demonstrations.depends,
-            "start": start.depends if start else None,
-            "code": fingerprint([f"{module}.modeling_{kind}", f"{module}.processor_{kind}"]),
-            "versions": _versions("lerobot", "torch", "vector-quantize-pytorch", "transformers"),
-        },
-        template=(
-            "lerobot-train",
-            f"--config_path={path}",
-            *as_words({**given, **_device(settings), **options, "output_dir": "{folder}/run"}),
-        ),
-        result=f"{done}/training_state/scheduler_state.json",
+        depends=_what_training_depends_on(whole, policy, demonstrations, start),
+        template=("lerobot-train", f"--config_path={path}", *words),
+        result=f"run/checkpoints/{_checkpoint_name(steps)}/training_state/scheduler_state.json",
         after=(demonstrations, start) if start else (demonstrations,),
         seconds=speeds.seconds_of_training(row.world, steps, int(whole.get("batch_size", 8))),
         going_on="run/checkpoints/last/pretrained_model/train_config.json",
     )
+
+
+def _what_training_depends_on(
+    whole: Mapping[str, Any], policy: str, demonstrations: Step, start: Step | None
+) -> dict[str, Any]:
+    kind = str(whole.get("policy", {}).get("type", policy))
+    module = (
+        f"lerobot_lisa.policies.{kind}"  # somebody else's policy has none here: then LeRobot's version stands for it
+    )
+    return {
+        "config": what_decides(whole),
+        "data": demonstrations.depends,
+        "start": start.depends if start else None,
+        "code": fingerprint([f"{module}.modeling_{kind}", f"{module}.processor_{kind}"]),
+        "versions": _versions("lerobot", "torch", "vector-quantize-pytorch", "transformers"),
+    }
 
 
 def data(row: Row, settings: Settings) -> Step:

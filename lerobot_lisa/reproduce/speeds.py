@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 SECONDS_TO_START = 15.0  # LeRobot's imports, opening a dataset, loading a policy
+SECONDS_FOR_A_MISSION = 0.01  # to draw one
 
 
 class Speed(NamedTuple):
