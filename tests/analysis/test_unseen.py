@@ -1,5 +1,6 @@
 """Shares of instructions that were never demonstrated."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -71,11 +72,16 @@ def test_command_of_a_level(
     known = [mission for mission, _ in draw_missions("GoToLocal", 4, 1000)]
     root = dataset_of(tmp_path / "data", known)
 
-    assert run_main(monkeypatch, f"--dataset.root={root}", "--level=GoToLocal", "--n=4") == 0
+    options = [f"--dataset.root={root}", "--level=GoToLocal", "--n=4", f"--json={tmp_path / 'unseen.json'}"]
+    assert run_main(monkeypatch, *options) == 0
 
     printed = capsys.readouterr().out
     assert "0/4" in printed
     assert "seeds 1000 to 1003" in printed
+    written = json.loads((tmp_path / "unseen.json").read_text())
+    unseen = written["rates"]["overall"]["unseen"]
+    assert (unseen["successes"], unseen["episodes"]) == (0, 4)
+    assert written["made"]["command"].startswith("lisa-unseen --dataset.root=")
 
 
 def test_command_of_a_suite(
