@@ -95,10 +95,10 @@ def test_rows_share_what_is_the_same() -> None:
 
 
 def test_a_policy_without_a_recipe_is_told_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["--list", "appendix.kmeans_bosslevel_1k", f"--root={tmp_path}"]) == 0
-    line = next(line for line in capsys.readouterr().out.splitlines() if " kmeans_skills 0 " in line)
+    assert main(["--list", "ablations.mlp_predictor", f"--root={tmp_path}"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if " lisa_mlp 0 " in line)
     assert "no recipe yet" in line
-    assert line.rstrip().endswith("20.2")
+    assert line.rstrip().endswith("46")
 
 
 @pytest.mark.parametrize(
