@@ -66,10 +66,12 @@ def check_repo_id(repo_id: str) -> None:
     raise UserError(f"--repo-id {repo_id!r} must look like user/name: letters, digits, dashes, dots, underscores")
 
 
-def print_summary(options: argparse.Namespace, totals: "DatasetTotals", origin: str, seconds: float) -> None:
-    """Say what was made, and what to type next."""
+def print_summary(
+    options: argparse.Namespace, totals: "DatasetTotals", origin: str, seconds: float, settings: Sequence[str] = ()
+) -> None:
+    """Say what was made, and what to type next; `settings` are options that training on it needs."""
     train = ["lerobot-train", "--policy.type=lisa", f"--dataset.repo_id={options.repo_id}"]
-    train += [f"--dataset.root={options.root}", "--policy.push_to_hub=false"]
+    train += [f"--dataset.root={options.root}", "--policy.push_to_hub=false", *settings]
     train += [f"--output_dir=outputs/{options.repo_id.split('/')[1]}"]
     print(
         f"{totals.episodes:,} episodes, {totals.frames:,} frames, {totals.tasks:,} distinct instructions "

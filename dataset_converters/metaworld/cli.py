@@ -56,7 +56,8 @@ def _collect(options: argparse.Namespace) -> None:
     result = collect(settings)
     print(*describe_seeds(result.seeds, settings.first_seed), sep="\n")
     origin = f"{len(tasks)} tasks, {result.failures:,} failures of the experts left out"
-    print_summary(options, result.totals, origin, time.monotonic() - started)
+    size = [f"--policy.image_size={settings.image_size}"] if settings.image_size else []
+    print_summary(options, result.totals, origin, time.monotonic() - started, size)
 
 
 def _tasks(options: argparse.Namespace) -> None:

@@ -32,7 +32,7 @@ SMALLER = {
     r"--tasks MT10 --episodes 50": f"--tasks {','.join(TASKS)} --episodes 1 --workers 1",
     r"--image-size 128": "--image-size 32",
     r"configs/metaworld/\w+/lisa.yaml": r"\g<0> --policy.device=cpu --policy.dim_model=32 --steps=2 --batch_size=2 "
-    "--policy.quantizer_warmup_steps=1",
+    "--policy.quantizer_warmup_steps=1 --policy.image_size=32",
     r"--env.task=[\w,-]+": f"--env.task={','.join(TASKS)} --policy.device=cpu",
     r"n_episodes=\d+": "n_episodes=1",
     r"--eval.batch_size=\d+": "--eval.batch_size=1 --eval.use_async_envs=false",

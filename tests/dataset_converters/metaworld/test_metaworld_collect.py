@@ -90,8 +90,12 @@ def test_a_policy_is_shown_the_same_by_lerobots_environment(drawn: Path) -> None
 
 
 @pytest.mark.slow
-def test_small_pictures_are_what_our_policies_make_of_those_in_a_rollout(drawn: Path, tmp_path: Path) -> None:
-    collect(settings(tmp_path / "small", tasks=SHORT[:1], episodes=1, pictures=True, image_size=SMALL))
+def test_small_pictures_are_what_our_policies_make_of_those_in_a_rollout(
+    drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--tasks", SHORT[0], "--episodes", "1", "--workers", "1", "--repo-id", "me/tasks"]
+    assert main(["collect", *arguments, "--image-size", str(SMALL), "--root", str(tmp_path / "small")]) == 0
+    assert f" --policy.image_size={SMALL} " in capsys.readouterr().out  # of what to type next
     large, small = (LeRobotDataset("me/tasks", root=root) for root in (drawn, tmp_path / "small"))
 
     assert small.features["observation.image"]["shape"] == (SMALL, SMALL, 3)
