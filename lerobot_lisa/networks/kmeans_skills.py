@@ -8,11 +8,21 @@ from vector_quantize_pytorch.vector_quantize_pytorch import kmeans
 
 from lerobot_lisa.networks.codebooks import far_samples
 from lerobot_lisa.networks.language import Instruction
+from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.parts import Seen
 from lerobot_lisa.networks.quantizers import Quantized, Quantizer
 
 ROUNDS = 50  # of k-means
+
+
+class ClusteredLisa(Lisa):
+    """LISA with clusters in the place of what it learns about skills."""
+
+    @property
+    def reach(self) -> int:
+        """Nothing before a chunk matters to it."""
+        return 0
 
 
 class PlainNumbers(nn.Module):
@@ -32,14 +42,9 @@ class PlainNumbers(nn.Module):
 
 
 class LanguageAndState(nn.Module):
-    """What is clustered: the mean of the instruction's tokens, and the state at the time. Nothing here learns.
+    """What is clustered: the mean of the instruction's tokens, and the state at the time. Nothing here learns."""
 
-    Attributes:
-        stride: Of the steps that are looked at: all.
-        reach: Steps before a question that matter to the answer: none.
-    """
-
-    stride, reach = 1, 0
+    stride = 1
 
     def forward(self, language: Tensor, language_valid: Tensor, seen: Tensor, packing: Packing, horizon: int) -> Tensor:
         """Vectors (C, D + S) of the first frame of each chunk; arguments as in `SkillPredictor.forward`."""

@@ -132,7 +132,7 @@ class Lisa(EpisodeNetwork):
     @property
     def reach(self) -> int:
         """The skill predictor's; the policy does not look out of its chunk."""
-        return self.predictor.reach
+        return self.predictor.transformer.reach
 
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LisaHistory:
         """Start a rollout: show the skill predictor the instructions."""

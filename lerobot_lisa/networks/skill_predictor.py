@@ -50,11 +50,6 @@ class SkillPredictor(nn.Module):
         answers = self.transformer(tokens, order, valid, rows=asked)
         return self.output(packing.learned.count_chunks(every).unpad(answers))
 
-    @property
-    def reach(self) -> int:
-        """How many steps before a question can matter to the answer."""
-        return self.transformer.reach
-
     def begin(self, language: Tensor, language_valid: Tensor) -> Memory:
         """Start a rollout: remember the instruction tokens (B, M, D)."""
         memory = self.transformer.new_memory()

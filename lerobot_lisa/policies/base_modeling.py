@@ -52,13 +52,12 @@ class EpisodePolicy(PreTrainedPolicy):
     The loss averages over its frames first, which gives every frame of the dataset the same weight, as in the paper.
 
     Attributes:
-        loss_name: What the loss of frames is called in the training log.
         rollouts: Rollouts begun since training or loading; the next one draws its actions from `action_seed` plus this.
     """
 
     config_class = EpisodePolicyConfig
     name = "episode_policy"
-    loss_name = "action_loss"
+    loss_name = "action_loss"  # in the training log
     network: EpisodeNetwork
 
     def __init__(
@@ -144,15 +143,15 @@ class EpisodePolicy(PreTrainedPolicy):
             if self.training and self._symmetries is not None:
                 frames, tokens = self._symmetries(Told(frames, tokens), packing)
             actions, observations = frames[ACTION], {key: frames[key] for key in self.config.input_features}
-            losses, extra, metrics = self.losses(tokens, tokens_valid, observations, actions, packing)
+            losses, extra, metrics = self.frame_losses(tokens, tokens_valid, observations, actions, packing)
         return packing.learned.mean(losses), extra, metrics
 
-    def losses(
+    def frame_losses(
         self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
     ) -> Losses:
-        """Loss of every frame that is learned from, what else enters the loss (a scalar), and numbers worth logging.
+        """Loss of every frame that is learned from, what else enters the loss, and numbers worth logging.
 
-        Imitation's, of what `predict` predicts; for policies that learn something else to overwrite.
+        That of imitation, of what `predict` predicts; policies that learn something else overwrite it.
         """
         outputs, extra, metrics = self.predict(tokens, tokens_valid, frames, actions, packing)
         head = self.network.head

@@ -82,6 +82,30 @@ def test_rates_log_resumption_and_repetition(symbolic: Path, encoder: Path, tmp_
     assert_same(state_of(tmp_path / "first"), state_of(tmp_path / "resumed"))
 
 
+BASELINES = {
+    "babyai_rnn": ("symbolic", []),
+    "lang_bc": ("continuous", []),
+    "lorel_planner": ("continuous", ["--policy.plan_steps=3", "--policy.plan_samples=20", "--policy.plan_elites=4"]),
+    "kmeans_skills": ("symbolic", ["--policy.codebook_size=5", "--policy.horizon=3"]),
+}
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("kind", BASELINES)
+def test_the_original_baselines(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Trained, and resumed in the middle to the same numbers."""
+    data, settings = BASELINES[kind]
+    settings = [f"--policy.type={kind}", "--policy.language_encoder=words", *settings]
+
+    first = lerobot_train(*new_run(tmp_path / "first", request.getfixturevalue(data), *settings))
+    assert first.returncode == 0, first.stderr[-3000:]
+    middle = tmp_path / "first/checkpoints/000002/pretrained_model/train_config.json"
+    resumed = lerobot_train(f"--config_path={middle}", "--resume=true", f"--output_dir={tmp_path / 'resumed'}")
+    assert resumed.returncode == 0, resumed.stderr[-3000:]
+
+    assert_same(state_of(tmp_path / "first"), state_of(tmp_path / "resumed"))
+
+
 BAD = {
     "no observation": (
         {"action": tiny_datasets.CLASSES},

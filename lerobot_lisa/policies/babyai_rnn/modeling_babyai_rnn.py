@@ -36,7 +36,7 @@ class BabyAIRNNPolicy(BaselinePolicy):
             language=language,
             grid_key=key,
             grid=FilmGridEncoder(shape, SYMBOLS, config.dim_model),
-            others=None if lonely else make_observation_encoder(config, language, backbone, without=[key]),
+            others=None if lonely else make_observation_encoder(config, language, backbone, [key]),
             width=config.dim_model,
             memory=config.memory_width,
             dropout=config.dropout,

@@ -32,12 +32,16 @@ class KMeansSkillsConfig(LisaConfig):
         "n_code_parts": 1,
         "n_own_parts": 0,
         "quantizer_warmup_steps": 0,
+        "predictor_stride": 1,
+        "shared_observation_encoder": False,
     }
+    EXCERPT_STEPS: ClassVar[int] = 0
+    LOOKBACK_STEPS: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         """Refuse what only learned skills can do."""
         for name, value in self.FIXED.items():
-            if (given := getattr(self, name)) != value:
+            if (given := getattr(self, name)) not in (None, value):
                 raise UserError(
                     f"--policy.{name}={given!s:.60}: skills of {self.type} are not learned, leave it at {value}; "
                     "--policy.type=lisa has learned ones"

@@ -8,9 +8,8 @@ from torch import Tensor, nn
 
 from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.networks.backbones import Backbone
-from lerobot_lisa.networks.kmeans_skills import KMeansCodes, LanguageAndState, PlainNumbers, WholeVectors
+from lerobot_lisa.networks.kmeans_skills import ClusteredLisa, KMeansCodes, LanguageAndState, PlainNumbers, WholeVectors
 from lerobot_lisa.networks.language import pad_tokens
-from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.policies.base_processor import LONGEST, make_tokenizer
 from lerobot_lisa.policies.kmeans_skills.configuration_kmeans_skills import KMeansSkillsConfig
 from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy, make_action_predictor
@@ -27,13 +26,13 @@ class KMeansSkillsPolicy(LisaPolicy):
     name = "kmeans_skills"
     config: KMeansSkillsConfig
 
-    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> Lisa:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> ClusteredLisa:
         """LISA's network with its skill predictor and its codebook replaced."""
         config, language = self.config, make_language_encoder(self.config)
         width = config.dim_model + sum(prod(feature.shape) for feature in config.input_features.values())
-        return Lisa(
+        return ClusteredLisa(
             language=language.requires_grad_(False),
-            observations=make_observation_encoder(config, language),
+            observations=make_observation_encoder(config, language, backbone),
             predictor=LanguageAndState(),  # type: ignore[arg-type]
             source=WholeVectors(width),  # type: ignore[arg-type]
             quantizer=KMeansCodes(width, config.codebook_size),
@@ -53,7 +52,8 @@ class KMeansSkillsPolicy(LisaPolicy):
     @torch.no_grad()
     def _vectors(self, batch: dict[str, Any]) -> Tensor:
         """What language and states are at every frame of the dataset, or at enough of them, (n, D + S)."""
-        store, instructions = self.frames.episodes(batch, self._device), self._instructions_of_runs()
+        self.gather(batch)  # from here on there is a store, and it is known how to scale what is in it
+        store, instructions = self.episode_store, self._instructions_of_runs()
         every = ceil(int(store.lengths[store.present].sum()) / MOST_FRAMES)
         vectors = []
         for episodes in store.present.nonzero()[:, 0].split(TOGETHER):

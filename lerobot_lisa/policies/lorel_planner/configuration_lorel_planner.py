@@ -1,9 +1,9 @@
 """Settings of the LOReL-Planner policy."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
-from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature, PreTrainedConfig
+from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.baseline_configuration import BaselineConfig
@@ -22,7 +22,6 @@ class LorelPlannerConfig(BaselineConfig):
         plan_samples: Plans that each round of the search draws.
         plan_elites: The best of them, around which the next round draws.
         plan_rounds: Of the search.
-        normalization_mapping: States are scaled, since errors of metres and radians are added up.
     """
 
     dropout: float = 0.0
@@ -30,14 +29,6 @@ class LorelPlannerConfig(BaselineConfig):
     plan_samples: int = 200
     plan_elites: int = 20
     plan_rounds: int = 3
-    normalization_mapping: dict[str, NormalizationMode] = field(
-        default_factory=lambda: {
-            "STATE": NormalizationMode.MEAN_STD,
-            "ENV": NormalizationMode.IDENTITY,
-            "VISUAL": NormalizationMode.IDENTITY,
-            "ACTION": NormalizationMode.IDENTITY,
-        }
-    )
 
     BOUNDS: ClassVar[dict[str, tuple[float, float]]] = {
         **BaselineConfig.BOUNDS,

@@ -37,7 +37,7 @@ class LorelPlannerPolicy(BaselinePolicy):
             search=CrossEntropySearch(config.plan_steps, config.plan_samples, config.plan_elites, config.plan_rounds),
         )
 
-    def losses(
+    def frame_losses(
         self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
     ) -> Losses:
         """Errors (N,) of the states that the model predicts, and the judge's loss."""
