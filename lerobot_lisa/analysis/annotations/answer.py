@@ -161,5 +161,5 @@ def _draw_spans(axes: Axes, height: float, spans: pd.DataFrame, longest: int) ->
         axes.barh(height, width, left=span.start, height=0.38, color=shade, edgecolor=GREY, linewidth=0.5)
         letters = int(width / longest * PAGE_WIDTH * 14)
         if letters > 1 and span.text:
-            name = clip(span.text, letters) if span.lane == "subtask" else shorten(span.text, letters)
+            name = clip(span.text if span.lane == "subtask" else shorten(span.text, letters), letters)
             axes.text(span.start + longest * 0.002, height, name, va="center", fontsize=6.5, clip_on=True)
