@@ -161,7 +161,7 @@ BAD_LISA = {
     "optimizer_lr_skill_predictor": (-1e-5, NAN, INF),
 }
 BAD_LANG_DT = {"n_layers": (0, 10**6), "padding_waste": (-0.1, 1.5, NAN)}
-BAD_BASELINE = {"ask_observations": True, "dropout": (1.5, NAN)}
+BAD_BASELINE = {"ask_observations": True, "dropout": (1.5, NAN), "excerpt_steps": 80}
 BAD = {
     "lisa": {**BAD_SETTINGS, **BAD_LISA},
     "lang_dt": {**BAD_SETTINGS, **BAD_LANG_DT},
