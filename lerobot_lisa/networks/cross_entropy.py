@@ -40,7 +40,7 @@ class CrossEntropySearch:
             generator: What to draw from; None: torch's own.
 
         Returns:
-            The mean of the last round's elites, (B, T, A).
+            The best plan of the last round, (B, T, A). The mean of its elites is timid wherever several plans are good.
         """
         low, high = bounds
         mean = ((low + high) / 2).expand(searches, self.steps, len(low))
@@ -51,4 +51,4 @@ class CrossEntropySearch:
             best = value(plans).topk(self.elites, dim=1).indices
             elites = plans[torch.arange(searches, device=best.device)[:, None], best]
             mean, spread = elites.mean(1), elites.std(1, correction=0)
-        return mean
+        return elites[:, 0]
