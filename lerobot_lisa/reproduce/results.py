@@ -146,12 +146,14 @@ def publish(states: Iterable[tuple[Run, State]], root: Path = PACKAGE.parent) ->
     """Keep what came out of runs among the committed files, in the place of what was there of the same runs.
 
     Raises:
-        UserError: This is no checkout, or a run was made with code that nobody else has.
+        UserError: This is no checkout, nothing has been run, or it was run with code that nobody else has.
     """
     written, folder = [], root / FOLDER
     if not folder.is_dir():
         raise UserError(f"{folder}: there is no such folder here: --render and --publish are for a checkout")
     fresh = [(run, at.outcome) for run, at in states if at.word == RUN and at.outcome and "file" not in at.outcome]
+    if not fresh:
+        raise UserError("none of these rows has been run here with the code that is here: run them first")
     for run, outcome in fresh:
         if private := [kind for kind, commit in outcome["commits"].items() if "+" in str(commit)]:
             raise UserError(

@@ -197,6 +197,13 @@ def test_what_nobody_else_could_make_is_not_published(settings: Settings, tmp_pa
         publish([(done, state(done, settings, []))], tmp_path)
 
 
+def test_where_nothing_has_been_run_nothing_is_published(settings: Settings, tmp_path: Path) -> None:
+    (tmp_path / "docs" / "results").mkdir(parents=True)
+    left = plan([settings.rows["tiny.gotolocal"]], settings)[0]
+    with pytest.raises(UserError, match="none of these rows has been run here"):
+        publish([(left, state(left, settings, []))], tmp_path)
+
+
 def test_stages_of_a_cluster_wait_for_one_another(settings: Settings) -> None:
     runs = plan([settings.rows["tiny.gotolocal"]], settings)
     whole = stages([run.step for run in runs if run.step])
