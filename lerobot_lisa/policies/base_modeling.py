@@ -25,12 +25,10 @@ from lerobot_lisa.networks.episode_network import EpisodeNetwork
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.real_actions import RealHead
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
-from lerobot_lisa.policies.base_processor import (
-    Stats,
-)
+from lerobot_lisa.policies.base_processor import Stats
 from lerobot_lisa.policies.dataset_knowledge import learn_about
 from lerobot_lisa.policies.fine_tuning import at_saved_size
-from lerobot_lisa.policies.instructions import InstructionReader, told_apart_by
+from lerobot_lisa.policies.instructions import InstructionReader, given_tokens, told_apart_by
 from lerobot_lisa.policies.known_losses import KnownLosses, Losses, rows_of, state_of
 from lerobot_lisa.policies.model_card import make_model_card
 from lerobot_lisa.policies.step_randomness import drawing_from
@@ -264,7 +262,7 @@ class EpisodePolicy(PreTrainedPolicy):
 
     def _observations(self, batch: Mapping[str, Any]) -> dict[str, Tensor]:
         """What the policy looks at, (B, *shape) each; `UserError` if the world does not show it."""
-        wanted, count = self.config.input_features, len(self.instructions.read(batch)[0])
+        wanted, count = self.config.input_features, len(given_tokens(batch))
         if missing := [key for key in wanted if key not in batch]:
             shown = ", ".join(sorted(key for key in batch if key.startswith(OBS_PREFIX) and "language" not in key))
             raise UserError(

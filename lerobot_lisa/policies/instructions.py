@@ -29,9 +29,7 @@ class InstructionReader:
 
     def read(self, batch: Mapping[str, Any]) -> tuple[Tensor, Tensor]:
         """Tokens (B, M) and which of them are real (B, M)."""
-        if OBS_LANGUAGE_TOKENS not in batch:
-            raise UserError(f"the batch has no {OBS_LANGUAGE_TOKENS}: pass it through the policy's preprocessor")
-        tokens, valid = batch[OBS_LANGUAGE_TOKENS], batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
+        tokens, valid = given_tokens(batch), batch[OBS_LANGUAGE_ATTENTION_MASK].bool()
         texts = batch.get("task")
         if self._step is not None and isinstance(texts, list) and len(texts) == len(tokens):
             tokens, valid = (part.to(tokens.device) for part in self._step.tokenise(texts))
@@ -53,6 +51,13 @@ class InstructionReader:
 
     def _unknown(self, text: str) -> list[str]:
         return [word for word in dict.fromkeys(split_words(text)) if word not in self._vocabulary]
+
+
+def given_tokens(batch: Mapping[str, Any]) -> Tensor:
+    """Tokens (B, M) as the preprocessor has made them, a row for each instruction."""
+    if OBS_LANGUAGE_TOKENS not in batch:
+        raise UserError(f"the batch has no {OBS_LANGUAGE_TOKENS}: pass it through the policy's preprocessor")
+    return batch[OBS_LANGUAGE_TOKENS]
 
 
 def told_apart_by(batch: Mapping[str, Any]) -> list[Any]:
