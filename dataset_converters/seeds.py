@@ -1,5 +1,6 @@
 """Ranges of seeds: which seeds may make training data, and how a run is cut into shards."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from lerobot_lisa.errors import UserError
@@ -9,6 +10,7 @@ FIRST_TRAINING_SEED = 1_000_000
 
 _LAST_SEED = 2**62  # datasets keep seeds as int64
 _MOST_EPISODES = 10**8
+_MOST_SEEDS = 20  # named in a card; the others are those that meta/episodes lacks
 
 
 class SeedRange(NamedTuple):
@@ -34,3 +36,16 @@ def check_run(episodes: int, workers: int, first_seed: int) -> None:
             f"--first-seed {first_seed} is reserved: seeds below {FIRST_TRAINING_SEED} are for evaluation, "
             f"so that no policy is trained on them; use {FIRST_TRAINING_SEED} or more"
         )
+
+
+def describe_seeds(first_seed: int, seeds: Sequence[int]) -> str:
+    """The range of seeds that a dataset was made from, and those whose episode failed, of which the first are named.
+
+    Args:
+        first_seed: of the range.
+        seeds: of the episodes in the dataset, in order.
+    """
+    failed = sorted(set(range(first_seed, seeds[-1] + 1)) - set(seeds))
+    more = f" and {len(failed) - _MOST_SEEDS:,} more" if len(failed) > _MOST_SEEDS else ""
+    named = f" ({', '.join(map(str, failed[:_MOST_SEEDS]))}{more})" if failed else ""
+    return f"{first_seed} to {seeds[-1]}, {len(failed):,} failures left out{named}"

@@ -5,6 +5,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dataset_converters.card import DatasetCard
+from dataset_converters.seeds import describe_seeds
 
 _CITATION = """@inproceedings{chevalier-boisvert2019babyai,
   title = {{BabyAI}: A Platform to Study the Sample Efficiency of Grounded Language Learning},
@@ -15,20 +16,6 @@ _CITATION = """@inproceedings{chevalier-boisvert2019babyai,
   url = {https://openreview.net/forum?id=rJeXCo0cYX},
 }"""
 _PAPER = "https://openreview.net/forum?id=rJeXCo0cYX"
-_MOST_SEEDS = 20  # named in a card; the others are those that meta/episodes lacks
-
-
-def describe_seeds(first_seed: int, seeds: Sequence[int]) -> str:
-    """The range of seeds that a dataset was made from, and those whose episode failed, of which the first are named.
-
-    Args:
-        first_seed: of the range.
-        seeds: of the episodes in the dataset, in order.
-    """
-    failed = sorted(set(range(first_seed, seeds[-1] + 1)) - set(seeds))
-    more = f" and {len(failed) - _MOST_SEEDS:,} more" if len(failed) > _MOST_SEEDS else ""
-    named = f" ({', '.join(map(str, failed[:_MOST_SEEDS]))}{more})" if failed else ""
-    return f"{first_seed} to {seeds[-1]}, {len(failed):,} failures left out{named}"
 
 
 def generated_card(level: str, first_seed: int, seeds: Sequence[int], subtasks: bool = False) -> DatasetCard:

@@ -56,7 +56,7 @@ def _generate(options: argparse.Namespace) -> None:
             options.subtasks,
         )
     )  # fmt: skip
-    from dataset_converters.babyai.cards import describe_seeds
+    from dataset_converters.seeds import describe_seeds
 
     seeds = f"seeds {describe_seeds(options.first_seed, result.seeds)}"
     print_summary(options, result.totals, seeds, time.monotonic() - started)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from dataset_converters.babyai.cards import describe_seeds as describe
 from dataset_converters.card import DatasetCard
 from dataset_converters.metaworld.expert import engine
+from dataset_converters.seeds import describe_seeds
 
 _CITATION = """@inproceedings{yu2019metaworld,
   title = {{Meta-World}: A Benchmark and Evaluation for Multi-Task and Meta Reinforcement Learning},
@@ -17,10 +17,10 @@ _CITATION = """@inproceedings{yu2019metaworld,
 _PAPER = "https://arxiv.org/abs/1910.10897"
 
 
-def describe_seeds(seeds: Mapping[str, Sequence[int]], first_seed: int) -> Iterator[str]:
+def seeds_by_task(seeds: Mapping[str, Sequence[int]], first_seed: int) -> Iterator[str]:
     """A line for each task: the range of seeds of its episodes, and those at which the expert failed."""
     for task, of_task in seeds.items():
-        yield f"{task}: seeds {describe(first_seed, of_task)}"
+        yield f"{task}: seeds {describe_seeds(first_seed, of_task)}"
 
 
 def collected_card(seeds: Mapping[str, Sequence[int]], first_seed: int, pictures: str) -> DatasetCard:
@@ -35,7 +35,7 @@ def collected_card(seeds: Mapping[str, Sequence[int]], first_seed: int, pictures
         "Policy": "the scripted expert of each task, until it succeeds; only successes are kept",
         "World": f"LeRobot's `--env.type=metaworld` with `--env.obs_type=pixels_agent_pos`; {engine()}",
         "Pictures": pictures,
-        **{task: describe(first_seed, of_task) for task, of_task in seeds.items()},
+        **{task: describe_seeds(first_seed, of_task) for task, of_task in seeds.items()},
     }
     title = "Demonstrations of Meta-World tasks by scripted experts, told as LeRobot's environment tells them."
     url = "https://metaworld.farama.org"

@@ -39,7 +39,7 @@ def _collect(options: argparse.Namespace) -> None:
     from lerobot_lisa.envs.metaworld_states.tasks import find_tasks
 
     tasks = find_tasks(options.tasks, "--tasks")
-    from dataset_converters.metaworld.cards import describe_seeds
+    from dataset_converters.metaworld.cards import seeds_by_task
     from dataset_converters.metaworld.collect import CollectSettings, collect
 
     started = time.monotonic()
@@ -54,7 +54,7 @@ def _collect(options: argparse.Namespace) -> None:
         workers=options.workers,
     )
     result = collect(settings)
-    print(*describe_seeds(result.seeds, settings.first_seed), sep="\n")
+    print(*seeds_by_task(result.seeds, settings.first_seed), sep="\n")
     origin = f"{len(tasks)} tasks, {result.failures:,} failures of the experts left out"
     size = [f"--policy.image_size={settings.image_size}"] if settings.image_size else []
     print_summary(options, result.totals, origin, time.monotonic() - started, size)

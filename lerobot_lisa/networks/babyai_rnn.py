@@ -7,27 +7,25 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
 from lerobot_lisa.networks.actions import ActionHead
-from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.film import FilmGridEncoder
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.sentence_network import SentenceHistory, SentenceNetwork
 
 
 @dataclass(kw_only=True)
-class BabyAIRNNHistory(History):
+class BabyAIRNNHistory(SentenceHistory):
     """The rollout so far.
 
     Attributes:
-        sentences: (B, D), what was said.
         memory: State of the LSTM, two of (1, B, memory); None before the first step.
     """
 
-    sentences: Tensor
     memory: tuple[Tensor, Tensor] | None = None
 
 
-class BabyAIRNN(EpisodeNetwork):
+class BabyAIRNN(SentenceNetwork):
     """Chevalier-Boisvert et al., ICLR 2019 (arXiv:1810.08272), with the eyes of BabyAI 1.1 (arXiv:2007.12770).
 
     Args:
@@ -40,6 +38,8 @@ class BabyAIRNN(EpisodeNetwork):
         dropout: Before the head.
         head: Of `width`.
     """
+
+    history = BabyAIRNNHistory
 
     def __init__(
         self,
@@ -71,15 +71,6 @@ class BabyAIRNN(EpisodeNetwork):
         episodes = pack_padded_sequence(seen, packing.lengths, batch_first=True, enforce_sorted=False)
         remembered, _ = pad_packed_sequence(self.memory(episodes)[0], batch_first=True)
         return self.policy(packing.unpad(remembered))
-
-    @property
-    def head(self) -> ActionHead:
-        """The policy's last layer."""
-        return self.policy[-1]  # type: ignore[return-value]
-
-    def begin(self, tokens: Tensor, tokens_valid: Tensor) -> BabyAIRNNHistory:
-        """Start a rollout with an empty memory."""
-        return BabyAIRNNHistory(sentences=self.language(tokens, tokens_valid).sentence())
 
     def act(self, history: BabyAIRNNHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""

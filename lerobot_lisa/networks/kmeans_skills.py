@@ -7,8 +7,9 @@ from torch import Tensor, nn
 from vector_quantize_pytorch.vector_quantize_pytorch import kmeans
 
 from lerobot_lisa.networks.codebooks import far_samples
-from lerobot_lisa.networks.language import Instruction
+from lerobot_lisa.networks.language import Instruction, mean_token
 from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.observations import side_by_side
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.parts import Seen
 from lerobot_lisa.networks.quantizers import Quantized, Quantizer
@@ -38,7 +39,7 @@ class PlainNumbers(nn.Module):
 
     def forward(self, observations: Mapping[str, Tensor], names: Tensor) -> Seen:
         """N frames, each feature (N, *shape), to (N, S)."""
-        return Seen(torch.cat([observations[key].flatten(1).float() for key in self.keys], dim=-1), None)
+        return Seen(side_by_side(observations, self.keys), None)
 
 
 class LanguageAndState(nn.Module):
@@ -49,11 +50,11 @@ class LanguageAndState(nn.Module):
     def forward(self, language: Tensor, language_valid: Tensor, seen: Tensor, packing: Packing, horizon: int) -> Tensor:
         """Vectors (C, D + S) of the first frame of each chunk; arguments as in `SkillPredictor.forward`."""
         starts = packing.steps % horizon == 0
-        return torch.cat([_mean(language, language_valid)[packing.sequence], seen], dim=-1)[starts].detach()
+        return torch.cat([mean_token(language, language_valid)[packing.sequence], seen], dim=-1)[starts].detach()
 
     def begin(self, language: Tensor, language_valid: Tensor) -> Tensor:
         """Start a rollout: remember the instruction, (B, D)."""
-        return _mean(language, language_valid)
+        return mean_token(language, language_valid)
 
     def ask(self, memory: Tensor, seen: Tensor, when: Sequence[int]) -> Tensor:
         """Vectors (B, D + S) of the newest of the observations (B, n, S)."""
@@ -119,8 +120,3 @@ class KMeansCodes(Quantizer):
     def embed(self, codes: Tensor) -> Tensor:
         """Centres of skill codes (N,)."""
         return self.centers[codes][:, None]
-
-
-def _mean(language: Tensor, valid: Tensor) -> Tensor:
-    """Of the tokens (B, M, D) that are real, (B, D)."""
-    return (language * valid[..., None]).sum(1) / valid.sum(1, keepdim=True)

@@ -1,31 +1,19 @@
 """Language-conditioned behaviour cloning: what is said and what is seen now to an action, nothing remembered."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.actions import ActionHead
-from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.mlp import hidden_layers
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
+from lerobot_lisa.networks.sentence_network import SentenceHistory, SentenceNetwork
 
 
-@dataclass(kw_only=True)
-class LangBCHistory(History):
-    """The rollout so far.
-
-    Attributes:
-        sentences: (B, D), what was said.
-    """
-
-    sentences: Tensor
-
-
-class LangBC(EpisodeNetwork):
+class LangBC(SentenceNetwork):
     """LCBC, the imitating baseline of LOReL (Nair et al., CoRL 2021, arXiv:2109.01115): an MLP.
 
     Args:
@@ -59,16 +47,7 @@ class LangBC(EpisodeNetwork):
         """Predict every action of B whole episodes; arguments as in `Lisa.forward`. Actions are not looked at."""
         return self._choose(self.language(tokens, tokens_valid).sentence()[packing.sequence], observations)
 
-    @property
-    def head(self) -> ActionHead:
-        """The policy's last layer."""
-        return self.policy[-1]  # type: ignore[return-value]
-
-    def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LangBCHistory:
-        """Start a rollout: all that is remembered of it is the instruction."""
-        return LangBCHistory(sentences=self.language(tokens, tokens_valid).sentence())
-
-    def act(self, history: LangBCHistory, observations: Mapping[str, Tensor]) -> Tensor:
+    def act(self, history: SentenceHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Take one more step."""
         history.step += 1
         return self._choose(history.sentences, observations)

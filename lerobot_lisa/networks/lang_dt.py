@@ -12,7 +12,7 @@ from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing, by_length
-from lerobot_lisa.networks.parts import PartAttention, Parts, spread
+from lerobot_lisa.networks.parts import PartAttention, Parts, answered, spread
 from lerobot_lisa.networks.transformer import Memory
 
 
@@ -102,7 +102,5 @@ class LangDT(EpisodeNetwork):
     ) -> tuple[Tensor, Parts | None, Tensor | None]:
         """N frames, words having asked for things: (N, D), parts, and attention to them (N, Q, P)."""
         seen = self.observations(observations, names)
-        if self.asks_words is None or seen.parts is None:
-            return seen.summary, None, None
-        answers, looks = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
-        return seen.summary + answers, seen.parts, looks
+        heard, looks = answered(self.asks_words, seen, said.phrases, said.tokens, said.valid, rows)
+        return heard, seen.parts, looks

@@ -39,11 +39,16 @@ class Instruction(NamedTuple):
 
     def sentence(self) -> Tensor:
         """The whole of each instruction as one vector (B, D): the mean of its tokens in their context."""
-        return (self.tokens * self.valid[..., None]).sum(1) / self.valid.sum(1, keepdim=True)
+        return mean_token(self.tokens, self.valid)
 
     def take(self, rows: Tensor) -> "Instruction":
         """The instructions of some rows (N,), repeats allowed."""
         return Instruction(*(part[rows] for part in self))
+
+
+def mean_token(tokens: Tensor, valid: Tensor) -> Tensor:
+    """Of the tokens (B, M, D) that are real, (B, D)."""
+    return (tokens * valid[..., None]).sum(1) / valid.sum(1, keepdim=True)
 
 
 class WordEncoder(nn.Module):

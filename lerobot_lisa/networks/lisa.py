@@ -14,7 +14,7 @@ from lerobot_lisa.networks.excerpts import every
 from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
 from lerobot_lisa.networks.packing import Packing
-from lerobot_lisa.networks.parts import PartAttention, Seen, spread
+from lerobot_lisa.networks.parts import PartAttention, Seen, answered, spread
 from lerobot_lisa.networks.quantizers import Quantized, Quantizer
 from lerobot_lisa.networks.skill_plan import SkillPlan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
@@ -198,19 +198,13 @@ class Lisa(EpisodeNetwork):
 
     def _ask_words(self, seen: Seen, said: Instruction, rows: Tensor | None) -> Tensor:
         """What the skill predictor sees, (N, D), the words that name things having asked for them."""
-        if self.asks_words is None or seen.parts is None:
-            return seen.summary
-        answers, _ = self.asks_words(seen.parts, said.phrases, said.tokens, said.valid, rows)
-        return seen.summary + answers
+        return answered(self.asks_words, seen, said.phrases, said.tokens, said.valid, rows)[0]
 
     def _ask_skill(
         self, seen: Seen, skill: Tensor, prefix: Tensor, rows: Tensor | None
     ) -> tuple[Tensor, Tensor | None]:
         """What the policy sees, (N, D), the skill's parts having asked for things, and their attention (N, Q, P)."""
-        if self.asks_skill is None or seen.parts is None:
-            return seen.summary, None
-        answers, looks = self.asks_skill(seen.parts, skill, prefix, None, rows)
-        return seen.summary + answers, looks
+        return answered(self.asks_skill, seen, skill, prefix, rows=rows)
 
 
 def _take(observations: Mapping[str, Tensor], rows: Tensor | None) -> Mapping[str, Tensor]:

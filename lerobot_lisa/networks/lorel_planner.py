@@ -9,24 +9,23 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from lerobot_lisa.networks.cross_entropy import CrossEntropySearch
-from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.mlp import hidden_layers
+from lerobot_lisa.networks.observations import side_by_side
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.real_actions import RealHead
+from lerobot_lisa.networks.sentence_network import SentenceHistory, SentenceNetwork
 
 
 @dataclass(kw_only=True)
-class PlannerHistory(History):
+class PlannerHistory(SentenceHistory):
     """The rollout so far.
 
     Attributes:
-        sentences: (B, D), what was said.
         start: (B, S), the first state; None before the first step.
         generator: What the search draws from; None: torch's own.
     """
 
-    sentences: Tensor
     start: Tensor | None = None
     generator: torch.Generator | None = None
 
@@ -63,7 +62,7 @@ class PlannedActions(RealHead):
         return self._within_bounds(outputs)
 
 
-class LorelPlanner(EpisodeNetwork):
+class LorelPlanner(SentenceNetwork):
     """Nair et al., CoRL 2021 (arXiv:2109.01115), on states.
 
     The judge says whether the change from a first state to another one is what was told. Actions are sought whose
@@ -78,6 +77,8 @@ class LorelPlanner(EpisodeNetwork):
         head: Bounds of actions, and which of them count.
         search: For actions.
     """
+
+    history = PlannerHistory
 
     def __init__(
         self,
@@ -119,16 +120,12 @@ class LorelPlanner(EpisodeNetwork):
 
     def state(self, observations: Mapping[str, Tensor]) -> Tensor:
         """All features of N frames side by side, (N, S)."""
-        return torch.cat([observations[key].flatten(1).float() for key in self.keys], dim=-1)
+        return side_by_side(observations, self.keys)
 
     @property
     def head(self) -> PlannedActions:
         """Plans are actions."""
         return self.actions
-
-    def begin(self, tokens: Tensor, tokens_valid: Tensor) -> PlannerHistory:
-        """Start a rollout."""
-        return PlannerHistory(sentences=self.language(tokens, tokens_valid).sentence())
 
     def act(self, history: PlannerHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Plan anew, and take the first action of the plan (B, A)."""

@@ -1,6 +1,6 @@
 """Observation encoders, one per kind of feature: one embedding per frame, and the parts it can be asked about."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from typing import Literal
@@ -138,6 +138,11 @@ class ObservationEncoder(nn.Module):
             first += count
         numbered = [part._replace(places=part.places + starts[key]) for key, part in parts]
         return Parts.join(numbered) if numbered else None
+
+
+def side_by_side(observations: Mapping[str, Tensor], keys: Sequence[str]) -> Tensor:
+    """The numbers of some features of N frames, as they are, (N, S)."""
+    return torch.cat([observations[key].flatten(1).float() for key in keys], dim=-1)
 
 
 def _encoder(spec: ObservationSpec, width: int, backbone: Backbone | None) -> nn.Module:

@@ -226,6 +226,24 @@ class PartAttention(nn.Module):
         return self.output(heard.sum(1)), looks
 
 
+def answered(
+    asks: PartAttention | None,
+    seen: Seen,
+    questions: Tensor,
+    about: Tensor,
+    valid: Tensor | None = None,
+    rows: Tensor | None = None,
+) -> tuple[Tensor, Tensor | None]:
+    """What is seen, (N, D), with what its parts answer, and where questions looked; as it is if nothing can be asked.
+
+    Arguments as in `PartAttention.forward`.
+    """
+    if asks is None or seen.parts is None:
+        return seen.summary, None
+    answers, looks = asks(seen.parts, questions, about, valid, rows)
+    return seen.summary + answers, looks
+
+
 def spread(parts: Parts | None, looks: Tensor | None, places: int) -> Tensor | None:
     """Attention (N, Q, P) summed over the questions and put where the parts are, (N, places); None without any."""
     if parts is None or looks is None:

@@ -70,3 +70,14 @@ def assert_rollout_is_training(made: Training, steps: int) -> None:
 
 def actions_of(made: Training, observations: dict[str, Tensor], steps: range, tasks: list[str]) -> list[Tensor]:
     return [made.policy.action_outputs(step_batch(made, observations, step, tasks)) for step in steps]
+
+
+def assert_rollouts_change_nothing(made: Training) -> None:
+    """No weight and no buffer; and the policy is in evaluation mode afterwards."""
+    made.policy.train()
+    before = {key: value.clone() for key, value in made.policy.state_dict().items()}
+
+    actions_of(made, live_observations(made, 4, 10), range(10), TASKS)
+
+    assert not made.policy.training
+    assert all(torch.equal(before[key], value) for key, value in made.policy.state_dict().items())
