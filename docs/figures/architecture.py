@@ -10,16 +10,20 @@ INK, PAPER, TRAINING, ACTING, BOTH = "#1f2933", "#ffffff", "#1f6fb2", "#c4561a",
 FLOORS = [  # the ground floor first; each room with what it is for
     [("networks/", "plain torch, no LeRobot: encoders, asking, skill predictor, copying, quantisers, policy, heads")],
     [("episodes/", "whole episodes: store, checks, symmetries")],
-    [("policies/", "LeRobot's protocol: lisa, lang_dt"), ("envs/", "a folder for each: babyai, lorel")],
-    [("checkpoints/", "load them, run nothing"), ("dataset_converters/", "babyai, lorel, cluster")],
+    [
+        ("policies/", "LeRobot's protocol: lisa, lang_dt, original baselines"),
+        ("envs/", "babyai, lorel, metaworld_states"),
+    ],
+    [("checkpoints/", "load them, run nothing"), ("dataset_converters/", "babyai, lorel, metaworld, cluster")],
     [
         (
             "analysis/",
-            "recording, then a folder for each question: success, listening, skills, control; report, training",
+            "recording; a folder for each question: success, listening, skills, annotations, control; report, training",
         )
     ],
+    [("reproduce/", "rows of the paper's tables, run by the commands below")],
 ]
-WIDTHS = [[96], [62], [62, 32], [62, 32], [96]]
+WIDTHS = [[96], [62], [62, 32], [62, 32], [96], [96]]
 SHARED = [  # what both trips pass through, in order
     ("encode", "instruction,\nobservations"),
     ("words ask", "parts of what\nis seen"),
@@ -71,7 +75,9 @@ def draw_house(axes: Axes, bottom: float) -> None:
         for (name, what), width in zip(rooms, widths, strict=True):
             box(axes, (x, bottom + 6.4 * number, width, 5.4), name, what, INK)
             x += width + 2
-    axes.text(2, bottom + 33.4, "The house: imports go down only", fontsize=12, weight="bold", color=INK)
+    axes.text(
+        2, bottom + 6.4 * len(FLOORS) + 1.4, "The house: imports go down only", fontsize=12, weight="bold", color=INK
+    )
 
 
 def draw_row(axes: Axes, y: float, stations: list[tuple[str, str]], color: str, width: float = 10.4) -> None:
@@ -105,9 +111,9 @@ def draw_trips(axes: Axes) -> None:
 
 def main() -> None:
     """Draw it."""
-    figure = Figure(figsize=(11, 9.4), facecolor=PAPER)
+    figure = Figure(figsize=(11, 10.1), facecolor=PAPER)
     axes = figure.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(0, 100), ylim=(0, 88))
+    axes.set(xlim=(0, 100), ylim=(0, 94.4))
     axes.axis("off")
     draw_house(axes, 51)
     draw_trips(axes)
