@@ -21,7 +21,6 @@ from lerobot_lisa.analysis.drawing import (
     headline,
     heat_map,
     new_figure,
-    shorten,
 )
 from lerobot_lisa.analysis.material import Answer
 
@@ -161,5 +160,5 @@ def _draw_spans(axes: Axes, height: float, spans: pd.DataFrame, longest: int) ->
         axes.barh(height, width, left=span.start, height=0.38, color=shade, edgecolor=GREY, linewidth=0.5)
         letters = int(width / longest * PAGE_WIDTH * 14)
         if letters > 1 and span.text:
-            name = clip(span.text if span.lane == "subtask" else shorten(span.text, letters), letters)
+            name = clip(span.text, letters)
             axes.text(span.start + longest * 0.002, height, name, va="center", fontsize=6.5, clip_on=True)
