@@ -7,23 +7,12 @@ from torch import Tensor, nn
 from vector_quantize_pytorch.vector_quantize_pytorch import kmeans
 
 from lerobot_lisa.networks.codebooks import far_samples
-from lerobot_lisa.networks.language import Instruction, mean_token
-from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.language import Instruction
 from lerobot_lisa.networks.observations import side_by_side
-from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.parts import Seen
 from lerobot_lisa.networks.quantizers import Quantized, Quantizer
 
 ROUNDS = 50  # of k-means
-
-
-class ClusteredLisa(Lisa):
-    """LISA with clusters in the place of what it learns about skills."""
-
-    @property
-    def reach(self) -> int:
-        """Nothing before a chunk matters to it."""
-        return 0
 
 
 class PlainNumbers(nn.Module):
@@ -40,25 +29,6 @@ class PlainNumbers(nn.Module):
     def forward(self, observations: Mapping[str, Tensor], names: Tensor) -> Seen:
         """N frames, each feature (N, *shape), to (N, S)."""
         return Seen(side_by_side(observations, self.keys), None)
-
-
-class LanguageAndState(nn.Module):
-    """What is clustered: the mean of the instruction's tokens, and the state at the time. Nothing here learns."""
-
-    stride = 1
-
-    def forward(self, language: Tensor, language_valid: Tensor, seen: Tensor, packing: Packing, horizon: int) -> Tensor:
-        """Vectors (C, D + S) of the first frame of each chunk; arguments as in `SkillPredictor.forward`."""
-        starts = packing.steps % horizon == 0
-        return torch.cat([mean_token(language, language_valid)[packing.sequence], seen], dim=-1)[starts].detach()
-
-    def begin(self, language: Tensor, language_valid: Tensor) -> Tensor:
-        """Start a rollout: remember the instruction, (B, D)."""
-        return mean_token(language, language_valid)
-
-    def ask(self, memory: Tensor, seen: Tensor, when: Sequence[int]) -> Tensor:
-        """Vectors (B, D + S) of the newest of the observations (B, n, S)."""
-        return torch.cat([memory, seen[:, -1]], dim=-1).detach()
 
 
 class WholeVectors(nn.Module):

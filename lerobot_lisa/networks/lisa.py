@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -13,6 +14,7 @@ from lerobot_lisa.networks.episode_network import EpisodeNetwork, History
 from lerobot_lisa.networks.excerpts import every
 from lerobot_lisa.networks.language import Instruction, LanguageEncoder
 from lerobot_lisa.networks.observations import ObservationEncoder
+from lerobot_lisa.networks.one_observation import OneObservation
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.parts import PartAttention, Seen, answered, spread
 from lerobot_lisa.networks.quantizers import Quantized, Quantizer
@@ -42,7 +44,7 @@ class LisaHistory(History):
     instruction: Instruction
     naming: Instruction
     names: Tensor
-    predictor: Memory
+    predictor: Any
     unseen: list[Tensor] = field(default_factory=list)
     unseen_steps: list[int] = field(default_factory=list)
     policy: Memory | None = None
@@ -73,7 +75,7 @@ class Lisa(EpisodeNetwork):
         self,
         language: LanguageEncoder,
         observations: ObservationEncoder,
-        predictor: SkillPredictor,
+        predictor: SkillPredictor | OneObservation,
         source: PhraseCopier | OwnNumbers,
         quantizer: Quantizer,
         skill_embedding: nn.Linear,
@@ -132,7 +134,7 @@ class Lisa(EpisodeNetwork):
     @property
     def reach(self) -> int:
         """The skill predictor's; the policy does not look out of its chunk."""
-        return self.predictor.transformer.reach
+        return self.predictor.reach
 
     def begin(self, tokens: Tensor, tokens_valid: Tensor) -> LisaHistory:
         """Start a rollout: show the skill predictor the instructions."""

@@ -29,6 +29,11 @@ class SkillPredictor(nn.Module):
         self.timesteps, self.transformer, self.stride = timesteps, transformer, stride
         self.output = nn.Linear(width, width)
 
+    @property
+    def reach(self) -> int:
+        """How many steps before a question can matter to it."""
+        return self.transformer.reach
+
     def forward(self, language: Tensor, language_valid: Tensor, seen: Tensor, packing: Packing, horizon: int) -> Tensor:
         """Whole episodes, or excerpts.
 

@@ -15,9 +15,11 @@ class SymbolNames:
     Attributes:
         channels: For each channel of a cell and each symbol there, the number of its name; -1 for symbols without.
             The first channel says what is in the cell: one whose first symbol has no name is no part of what is seen.
+        used: Whether keys are made of them; else they tell what belongs to a cell, and no more.
     """
 
     channels: tuple[tuple[int, ...], ...]
+    used: bool = True
 
 
 class SymbolEncoder(nn.Module):
@@ -70,7 +72,7 @@ class SymbolParts(nn.Module):
     ) -> None:
         super().__init__()
         channels = len(names.channels) if names else 1
-        self.symbols, self.channels, self.named = symbols, channels, names is not None
+        self.symbols, self.channels, self.named = symbols, channels, names is not None and names.used
         self.keys, self.values = nn.Embedding(channels * symbols, words), nn.Embedding(channels * symbols, values)
         self.places = nn.Embedding(cells, values)
         for table in (self.values, self.places):

@@ -74,6 +74,8 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
         scheduler_warmup_steps: Length of the warm-up.
         ask_observations: Words and skill codes ask the parts of what is seen, such as a grid's cells or a picture's
             patches, by name where symbols have names. The paper's networks see every frame as one vector: false.
+        names: Where a dataset names its symbols, things are asked for by what they are called, and LISA copies a name
+            first. False, an ablation: what to ask cells by is learned, and any phrase may be copied.
         augment: Train on changed episodes where a dataset names its world's symmetries (`episodes/symmetries.py`).
         image_transforms: LeRobot's own, for the pictures of training, one draw for each episode. LeRobot does not tell
             a policy of `--dataset.image_transforms`, which changes frames that these policies do not look at.
@@ -99,6 +101,7 @@ class EpisodePolicyConfig(OldFields, PreTrainedConfig):
     feature_info: dict[str, dict[str, Any]] | None = None
 
     ask_observations: bool = True
+    names: bool = True
     augment: bool = True
     image_transforms: ImageTransformsConfig = field(default_factory=ImageTransformsConfig)
 

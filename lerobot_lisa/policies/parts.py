@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Sequence
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -48,7 +49,7 @@ def _spec(config: EpisodePolicyConfig, key: str, feature: PolicyFeature, backbon
     if feature.type is FeatureType.VISUAL and backbone is not None and config.freeze_vision_backbone:
         return ObservationSpec("features", backbone.shape)
     spoken = named_symbols(config)[key]
-    names = None if spoken is None else symbol_names(spoken, thing_names(config))
+    names = None if spoken is None else replace(symbol_names(spoken, thing_names(config)), used=config.names)
     return ObservationSpec(KINDS[feature.type], tuple(feature.shape), SYMBOLS, names)  # type: ignore[arg-type]
 
 
@@ -62,7 +63,9 @@ def named_symbols(config: EpisodePolicyConfig) -> dict[str, Symbols | None]:
 
 
 def thing_names(config: EpisodePolicyConfig) -> list[str]:
-    """What symbols are called, as far as instructions speak of it."""
+    """What symbols are called, as far as instructions speak of it and the policy is to know."""
+    if not config.names:
+        return []
     words = [word for symbols in named_symbols(config).values() if symbols for word in symbol_words(symbols)]
     return [word for word in dict.fromkeys(words) if word in config.lexicon]
 

@@ -22,7 +22,6 @@ POLICIES = {
     "lang_bc": "LOReL's behaviour cloning",
     "lorel_planner": "LOReL's planner",
     "kmeans_skills": "k-means skills",
-    "lisa_mlp": "LISA, MLP skill predictor",
     DATA_ONLY: "no policy",
 }
 _HEAD = (

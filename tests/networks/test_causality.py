@@ -11,9 +11,11 @@ from tiny_networks import CLASSES, WORDS, Batch, babyai_rnn, batch, lang_bc, lan
 from torch import Tensor
 
 from lerobot_lisa.networks.episode_network import EpisodeNetwork
+from lerobot_lisa.networks.lisa import Lisa
 
 HORIZON = 3
 LISA, LANG_DT, BABYAI_RNN, LANG_BC = lisa(HORIZON), lang_dt(), babyai_rnn(), lang_bc()
+MLP = lisa(HORIZON, mlp=True)
 LENGTH = st.integers(1, 4 * HORIZON + 1)
 
 
@@ -79,22 +81,24 @@ def test_what_the_original_baselines_remember(network: EpisodeNetwork) -> None:
     assert torch.allclose(logits[2], remembered[2]) == (network is LANG_BC)
 
 
-def embeddings(what: Batch) -> Tensor:
+def embeddings(what: Batch, network: Lisa = LISA) -> Tensor:
     """What LISA's skill predictor says at every chunk, before quantising: finer than codes."""
-    instruction = LISA.language(what.tokens, what.valid)
-    seen = LISA._ask_words(LISA._look(what.observations, None, None)[1], instruction.naming(), what.packing.sequence)
-    return LISA.predictor(instruction.tokens, what.valid, seen, what.packing, HORIZON)
+    instruction, (_, seen) = network.language(what.tokens, what.valid), network._look(what.observations, None, None)
+    heard = network._ask_words(seen, instruction.naming(), what.packing.sequence)
+    return network.predictor(instruction.tokens, what.valid, heard, what.packing, HORIZON)
 
 
-def test_the_skill_predictor_sees_all_of_the_past_and_none_of_the_future() -> None:
+@pytest.mark.parametrize("network", [LISA, MLP], ids=["transformer", "mlp"])
+def test_the_skill_predictor_sees_none_of_the_future_and_all_of_the_past_or_none(network: Lisa) -> None:
     what = batch([4 * HORIZON])
-    base = embeddings(what)
+    base = embeddings(what, network)
     for step in range(4 * HORIZON):
         state = what.observations["state"].clone()
         state[step] += 10
-        changed = embeddings(replace(what, observations={**what.observations, "state": state}))
+        changed = embeddings(replace(what, observations={**what.observations, "state": state}), network)
         for chunk in range(4):
-            assert torch.equal(base[chunk], changed[chunk]) == (step > chunk * HORIZON), (step, chunk)
+            seen = step == chunk * HORIZON or (network is LISA and step < chunk * HORIZON)
+            assert torch.equal(base[chunk], changed[chunk]) == (not seen), (step, chunk)
 
 
 def test_the_skill_predictor_does_not_look_at_actions() -> None:
@@ -175,7 +179,9 @@ def test_instruction_tokens_see_no_observation(network: EpisodeNetwork) -> None:
     assert not torch.allclose(before[:, words:], after[:, words:])
 
 
-@EVERY
+@pytest.mark.parametrize(
+    "network", [LISA, MLP, LANG_DT, BABYAI_RNN, LANG_BC], ids=["lisa", "lisa_mlp", "lang_dt", "babyai_rnn", "lang_bc"]
+)
 def test_every_word_matters_at_every_step(network: EpisodeNetwork) -> None:
     what = batch([2 * HORIZON], seed=3)
     words = what.tokens.shape[1]
@@ -183,7 +189,7 @@ def test_every_word_matters_at_every_step(network: EpisodeNetwork) -> None:
 
     def answer(tokens: Tensor) -> Tensor:
         changed = replace(what, tokens=tokens)
-        return embeddings(changed) if network is LISA else run(network, changed)[0]
+        return embeddings(changed, network) if isinstance(network, Lisa) else run(network, changed)[0]
 
     for word in range(words):
         tokens = what.tokens.clone()

@@ -15,8 +15,8 @@ from lerobot_lisa.networks.packing import Packing
 HORIZON = 3
 NETWORKS = pytest.mark.parametrize(
     "network",
-    [lisa(HORIZON), lang_dt(), lang_dt(waste=1.0), babyai_rnn(), lang_bc()],
-    ids=["lisa", "lang_dt", "lang_dt_one_group", "babyai_rnn", "lang_bc"],
+    [lisa(HORIZON), lisa(HORIZON, mlp=True), lang_dt(), lang_dt(waste=1.0), babyai_rnn(), lang_bc()],
+    ids=["lisa", "lisa_mlp", "lang_dt", "lang_dt_one_group", "babyai_rnn", "lang_bc"],
 )
 NEAR_HORIZON = st.sampled_from([1, HORIZON - 1, HORIZON, HORIZON + 1, 2 * HORIZON, 3 * HORIZON + 1])
 

@@ -1,5 +1,7 @@
 """Asking what is seen: names find their things before anything is learned, and nothing else answers."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from hypothesis import given
@@ -65,6 +67,21 @@ def test_nobody_answers_to_a_name_that_is_not_there() -> None:
         looks = World(seed).looks(grid(c0=(BOX, BLUE), c4=(KEY, GREEN), c8=(WALL, RED)), "red ball")
 
         assert looks.sum() < 0.1
+
+
+@torch.no_grad()
+def test_without_using_names_every_cell_is_a_part_whose_key_is_learned() -> None:
+    """An ablation: what belongs to a cell is still known, what it is called is not."""
+    unused = replace(SPEC, names=replace(NAMES, used=False))
+    encoder = ObservationEncoder({"grid": unused}, WIDTH, asking=AskingSpec(WIDTH, 8))
+    world, seen = World(), grid(c2=(BALL, RED), c5=(BALL, BLUE))
+    parts = encoder({"grid": seen}, world.language.names()).parts
+    (keys,) = parts.keys
+
+    assert parts.places.tolist() == [list(range(CELLS))]
+    assert keys.table is encoder.parts["grid"].keys.weight  # to which no name is added
+    assert keys.rows.view(CELLS, 2)[[0, 2, 5]].tolist() == [[0, SYMBOLS], [BALL, SYMBOLS + RED], [BALL, SYMBOLS + BLUE]]
+    assert encoder.places == {"grid": CELLS} == world.encoder.places
 
 
 @torch.no_grad()

@@ -36,6 +36,8 @@ NETWORKS = {
     "lisa_looking_every_horizon": lisa(HORIZON, stride=HORIZON),
     "lisa_looking_every_horizon_windowed": lisa(HORIZON, stride=HORIZON, window=3 * HORIZON, layers=2, shared=True),
     "lisa_looking_twice_a_horizon": lisa(4, stride=2, window=7),
+    "lisa_mlp": lisa(HORIZON, stride=HORIZON, mlp=True),
+    "lisa_mlp_shown_every_step": lisa(HORIZON, mlp=True, own=1, quantizer=codebook(size=3, code_width=None, parts=2)),
     "lisa_horizon_1": lisa(1),
     "lisa_horizon_1_windowed": lisa(1, window=2),
     "lang_dt": lang_dt(),
@@ -124,7 +126,7 @@ def test_memory_and_time_per_step_are_bounded(name: str, window: int) -> None:
         assert len(history.unseen) < HORIZON
 
 
-EXCERPTS = [name for name in NETWORKS if "window" in name or "deep" in name]
+EXCERPTS = [name for name in NETWORKS if "window" in name or "deep" in name or "mlp" in name]
 
 
 @pytest.mark.parametrize("name", EXCERPTS)

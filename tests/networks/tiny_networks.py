@@ -17,6 +17,7 @@ from lerobot_lisa.networks.lang_dt import LangDT
 from lerobot_lisa.networks.language import LanguageEncoder, WordEncoder
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.observations import AskingSpec, ObservationEncoder, ObservationSpec
+from lerobot_lisa.networks.one_observation import OneObservation
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.parts import PartAttention
 from lerobot_lisa.networks.quantizers import Quantizer
@@ -83,16 +84,18 @@ def lisa(
     quantizer: Quantizer | None = None,
     own: int = 0,
     stride: int = 1,
+    mlp: bool = False,
 ) -> Lisa:
     """LISA without dropout, in evaluation mode, with a codebook that has seen data."""
     torch.manual_seed(1)
     transformer = CausalTransformer(WIDTH, layers, HEADS, 0.0, window=window)
+    predictor = SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH, stride)
     parts = len(quantizer.sizes) if isinstance(quantizer, Codebook) else 1
     source = PhraseCopier(WIDTH, WIDTH, parts - own, own, 4) if copying else OwnNumbers(WIDTH, parts)
     network = Lisa(
         language=LanguageEncoder(WordEncoder(WORDS, WIDTH), WIDTH, NAMES),
         observations=observations(asking),
-        predictor=SkillPredictor(TimestepEmbedding(window, WIDTH), transformer, WIDTH, stride),
+        predictor=OneObservation(nn.Linear(2 * WIDTH, WIDTH), stride) if mlp else predictor,
         source=source,
         quantizer=quantizer or codebook(code_width=None if copying else 4),
         skill_embedding=nn.Linear(WIDTH, WIDTH),

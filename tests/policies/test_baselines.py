@@ -280,7 +280,9 @@ def test_kmeans_skills_can_be_steered_and_loaded(symbolic: Path, tmp_path: Path)
     assert policy.code_labels is None
 
 
-@pytest.mark.parametrize("setting", [{"copy_words": True}, {"quantizer": "fsq"}, {"n_code_parts": 2}])
+@pytest.mark.parametrize(
+    "setting", [{"copy_words": True}, {"quantizer": "fsq"}, {"n_code_parts": 2}, {"skill_predictor": "mlp"}]
+)
 def test_what_only_learned_skills_can_do(setting: dict[str, object], symbolic: Path) -> None:
     with pytest.raises(UserError, match=rf"--policy\.{next(iter(setting))}=.* skills of kmeans_skills are not learned"):
         config("kmeans_skills", **setting)

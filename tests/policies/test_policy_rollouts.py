@@ -55,6 +55,8 @@ def test_other_action_heads(kind: str, head: str, continuous: Path) -> None:
         {"n_code_parts": 2},
         {"n_code_parts": 2, "copy_words": False},
         {"vision_backbone": "resnet18"},
+        {"skill_predictor": "mlp"},
+        {"skill_predictor": "mlp", "copy_words": False, "predictor_stride": 1},
     ],
     ids=str,
 )
@@ -62,6 +64,20 @@ def test_other_kinds_of_lisa(settings: dict[str, Any], pictures: Path) -> None:
     made = training("lisa", pictures, **settings).warm_up()
 
     assert_rollout_is_training(made, steps=4 * HORIZON + 2)
+
+
+@BOTH
+def test_without_names(kind: str, symbolic: Path) -> None:
+    """Nothing is known by its name, so every token asks every cell; the lexicon still reads codes."""
+    made = training(kind, symbolic, names=False).warm_up()
+    network = made.policy.network
+
+    assert_rollout_is_training(made, steps=4 * HORIZON + 2)
+    assert len(network.language.names()) == 0 < len(training(kind, symbolic).policy.network.language.names())
+    assert network.observations.places["observation.grid"] == 49
+    assert network.observations.parts["observation_grid"].channels == 3
+    if kind == "lisa":
+        assert len(made.policy.code_labels) == made.policy.n_codes
 
 
 @BOTH

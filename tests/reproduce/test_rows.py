@@ -99,8 +99,11 @@ def test_rows_share_what_is_the_same() -> None:
 
 
 def test_a_policy_without_a_recipe_is_told_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["--list", "ablations.mlp_predictor", f"--root={tmp_path}"]) == 0
-    line = next(line for line in capsys.readouterr().out.splitlines() if " lisa_mlp 0 " in line)
+    (tmp_path / "mine").mkdir()
+    like = "like: table1.bosslevel_1k\npolicies: [nobodys]\nseeds: [0]\npaper: {nobodys: 46}\n"
+    (tmp_path / "mine" / "row.yaml").write_text(like)
+    assert main(["--list", "mine.row", f"--own-rows={tmp_path}", f"--root={tmp_path}"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if " nobodys 0 " in line)
     assert "no recipe yet" in line
     assert line.rstrip().endswith("46")
 

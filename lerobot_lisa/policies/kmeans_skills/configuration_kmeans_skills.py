@@ -28,6 +28,7 @@ class KMeansSkillsConfig(LisaConfig):
         "ask_observations": False,
         "copy_words": False,
         "freeze_language_encoder": True,
+        "skill_predictor": "transformer",
         "quantizer": "vq",
         "n_code_parts": 1,
         "n_own_parts": 0,

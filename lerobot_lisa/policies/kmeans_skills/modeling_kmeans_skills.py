@@ -8,8 +8,10 @@ from torch import Tensor, nn
 
 from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.networks.backbones import Backbone
-from lerobot_lisa.networks.kmeans_skills import ClusteredLisa, KMeansCodes, LanguageAndState, PlainNumbers, WholeVectors
+from lerobot_lisa.networks.kmeans_skills import KMeansCodes, PlainNumbers, WholeVectors
 from lerobot_lisa.networks.language import pad_tokens
+from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.one_observation import OneObservation
 from lerobot_lisa.policies.base_processor import LONGEST, make_tokenizer
 from lerobot_lisa.policies.kmeans_skills.configuration_kmeans_skills import KMeansSkillsConfig
 from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy, make_action_predictor
@@ -26,14 +28,14 @@ class KMeansSkillsPolicy(LisaPolicy):
     name = "kmeans_skills"
     config: KMeansSkillsConfig
 
-    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> ClusteredLisa:
+    def make_network(self, action_bounds: Tensor, backbone: Backbone | None) -> Lisa:
         """LISA's network with its skill predictor and its codebook replaced."""
         config, language = self.config, make_language_encoder(self.config)
         width = config.dim_model + sum(prod(feature.shape) for feature in config.input_features.values())
-        return ClusteredLisa(
+        return Lisa(
             language=language.requires_grad_(False),
             observations=make_observation_encoder(config, language, backbone),
-            predictor=LanguageAndState(),  # type: ignore[arg-type]
+            predictor=OneObservation(nn.Identity()),
             source=WholeVectors(width),  # type: ignore[arg-type]
             quantizer=KMeansCodes(width, config.codebook_size),
             skill_embedding=nn.Linear(width, config.dim_model),

@@ -18,11 +18,14 @@ class LisaConfig(EpisodePolicyConfig):
     """LISA (Garg et al., NeurIPS 2022): language to discrete skill codes to actions. Defaults: the paper's, appendix D.
 
     Attributes:
+        skill_predictor: "transformer" over the instruction and all observations so far; or "mlp", an ablation of the
+            paper (appendix): it hears the mean of the instruction's tokens and sees the chunk's first observation.
         n_predictor_layers: Transformer blocks of the skill predictor f.
         n_policy_layers: Transformer blocks of the policy pi.
         horizon: H, steps that one skill code lasts.
         predictor_stride: The skill predictor looks at steps 0, this, twice this, ..., of which `horizon` is a multiple,
-            in training and in rollouts; 1 is the paper's. None: `horizon` if there are pictures, else 1.
+            in training and in rollouts; 1 is the paper's. None: `horizon` if there are pictures or it is an "mlp",
+            else 1.
         shared_observation_encoder: Skill predictor and policy see with the same encoder, at half the cost. The paper
             does not say; with an encoder each, LISA has more parameters than Lang-DT. None: if there are pictures.
         copy_words: The skill predictor copies phrases of the instruction, and codes lie among words: they can be read,
@@ -52,6 +55,7 @@ class LisaConfig(EpisodePolicyConfig):
             1e-5, which fine-tunes; with pictures `optimizer_lr`.
     """
 
+    skill_predictor: str = "transformer"
     n_predictor_layers: int = 1
     n_policy_layers: int = 1
     horizon: int = 10
@@ -99,6 +103,7 @@ class LisaConfig(EpisodePolicyConfig):
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded or allocated."""
         super().__post_init__()
+        self._check_choice("skill_predictor", ("transformer", "mlp"))
         self._check_choice("quantizer", tuple(QUANTIZERS))
         if self.n_own_parts and (self.quantizer != "vq" or not self.copy_words):
             raise UserError("--policy.n_own_parts are beside copied phrases in a codebook: they need vq and copy_words")
@@ -124,7 +129,7 @@ class LisaConfig(EpisodePolicyConfig):
         if self.shared_observation_encoder is None:
             self.shared_observation_encoder = shows_pictures
         if self.predictor_stride is None:
-            self.predictor_stride = self.horizon if shows_pictures else 1
+            self.predictor_stride = self.horizon if shows_pictures or self.skill_predictor == "mlp" else 1
         if self.optimizer_lr_skill_predictor is None:
             self.optimizer_lr_skill_predictor = self.optimizer_lr if shows_pictures else 1e-5
 

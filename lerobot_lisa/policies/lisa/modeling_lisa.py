@@ -11,6 +11,8 @@ from lerobot_lisa.networks.code_statistics import codes_used, mutual_information
 from lerobot_lisa.networks.copying import OwnNumbers, PhraseCopier
 from lerobot_lisa.networks.language import LanguageEncoder
 from lerobot_lisa.networks.lisa import Lisa
+from lerobot_lisa.networks.mlp import hidden_layers
+from lerobot_lisa.networks.one_observation import OneObservation
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.quantizers import Quantized
 from lerobot_lisa.networks.skill_plan import read_plan
@@ -181,8 +183,11 @@ def make_source(config: LisaConfig, language: LanguageEncoder) -> PhraseCopier |
     return OwnNumbers(config.dim_model, parts)
 
 
-def make_skill_predictor(config: LisaConfig) -> SkillPredictor:
-    """f: looks back as far as configured, or over as many steps as the longest training episode has."""
+def make_skill_predictor(config: LisaConfig) -> SkillPredictor | OneObservation:
+    """f: looks back as far as configured, or over as many steps as the longest training episode has; or not at all."""
+    if config.skill_predictor == "mlp":
+        layers = hidden_layers(2 * config.dim_model, config.dim_model, config.dropout)
+        return OneObservation(layers.append(nn.Linear(config.dim_model, config.dim_model)), config.look_stride)
     steps = config.max_timesteps or 1
     window = config.lookback_steps or steps
     return SkillPredictor(
