@@ -51,8 +51,8 @@ def test_lerobot_reads_the_training_of_every_row() -> None:
 
     assert len(read_by_lerobot) > 40
     boss = read(commands["table1.bosslevel_10k lisa seed 1"])
-    assert (boss.seed, boss.steps, boss.batch_size) == (1, 8000, 64)
-    assert (boss.policy.own_codebook_size, boss.policy.quantizer_warmup_steps) == (32, 4000)
+    assert (boss.seed, boss.steps, boss.batch_size) == (1, 3000, 32)
+    assert (boss.policy.own_codebook_size, boss.policy.quantizer_warmup_steps) == (32, 1500)
     assert boss.env.task == "BossLevel"
     assert boss.dataset.repo_id == "local/bosslevel_10k"
     assert read_by_lerobot["ablations.horizon_50 lisa seed 0"].policy.horizon == 50
