@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from functools import cache
 from pathlib import Path
 
 # Both are read when LeRobot is imported: nothing is fetched, and nothing is left in the user's cache.
@@ -13,10 +14,19 @@ import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 import tiny_datasets  # noqa: E402
 import torch  # noqa: E402
+from draccus.wrappers import docstring  # noqa: E402
 
+# For every command LeRobot's parser looks in all source files for what stands beside options: half a second each time.
+docstring.get_attribute_docstring = cache(docstring.get_attribute_docstring)
 torch.set_num_threads(1)
 hypothesis.settings.register_profile("exact", derandomize=True, deadline=None, max_examples=20)
 hypothesis.settings.load_profile("exact")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with whole commands first: begun last, they keep one process busy while the others have nothing left."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
 
 
 @pytest.fixture(autouse=True)

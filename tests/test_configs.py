@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-import draccus
 import pytest
-from lerobot.configs.train import TrainPipelineConfig
+from lerobot_options import read_training
 
-import lerobot_lisa  # noqa: F401  registers policies and environments
 from lerobot_lisa.envs.babyai.levels import LEVELS
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 
@@ -17,14 +15,9 @@ RECIPES = [
 ]  # tests/reproduce reads those
 
 
-def read(path: Path) -> TrainPipelineConfig:
-    with draccus.config_type("yaml"):
-        return draccus.parse(TrainPipelineConfig, str(path), args=[])
-
-
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: str(path.relative_to(CONFIGS)))
 def test_lerobot_train_reads_it(path: Path) -> None:
-    config = read(path)
+    config = read_training(path)
 
     assert isinstance(config.policy, EpisodePolicyConfig)
     assert config.policy.type == path.stem
@@ -34,7 +27,7 @@ def test_lerobot_train_reads_it(path: Path) -> None:
 
 @pytest.mark.parametrize("path", BABYAI, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_names_agree(path: Path) -> None:
-    config, (level, size) = read(path), path.parent.name.split("_")
+    config, (level, size) = read_training(path), path.parent.name.split("_")
 
     assert config.env is not None
     assert config.env.task in LEVELS
@@ -51,7 +44,7 @@ BOTH = sorted(
 @pytest.mark.parametrize("folder", BOTH, ids=lambda folder: folder.name)
 def test_lisa_and_lang_dt_differ_only_in_the_policy(folder: Path) -> None:
     """The comparison is of methods: same data, same number of steps, same rates."""
-    lisa, lang_dt = read(folder / "lisa.yaml"), read(folder / "lang_dt.yaml")
+    lisa, lang_dt = (read_training(folder / f"{name}.yaml") for name in ("lisa", "lang_dt"))
 
     for name in ("batch_size", "steps", "seed", "dataset", "env"):
         assert getattr(lisa, name) == getattr(lang_dt, name), name

@@ -1,7 +1,6 @@
 """Uncaught mistakes of a user end a program in one line; programs that do not use the policies are left alone."""
 
-import subprocess
-import sys
+import programs
 
 PROGRAM = """
 import sys
@@ -22,9 +21,7 @@ except Exception:
 
 
 def last_lines(more: str) -> list[str]:
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(more=more)], capture_output=True, text=True, check=False
-    )
+    done = programs.run("python", "-c", PROGRAM.format(more=more))
     assert done.returncode == 1
     return done.stderr.split("[end of libtorchcodec")[-1].splitlines()
 

@@ -7,9 +7,8 @@ import json
 import tomllib
 from pathlib import Path
 
-import draccus
 import pytest
-from lerobot.configs.train import TrainPipelineConfig
+from lerobot_options import read_training
 
 import lerobot_lisa
 from lerobot_lisa import quickstart
@@ -31,7 +30,7 @@ def logs(tmp_path: Path) -> Path:
 
 
 def test_the_recipe_is_one_that_lerobot_train_reads() -> None:
-    config = draccus.parse(TrainPipelineConfig, config_path=RECIPE, args=[])
+    config = read_training(RECIPE)
     assert (config.policy.type, config.dataset.repo_id) == ("lisa", quickstart.REPO_ID)
     assert config.steps % config.save_freq == 0
     assert not config.policy.push_to_hub

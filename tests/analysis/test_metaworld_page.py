@@ -13,8 +13,7 @@ import pytest
 if find_spec("mujoco") is None or find_spec("metaworld") is None:
     pytest.skip("Meta-World is not installed", allow_module_level=True)
 
-import draccus
-from lerobot.configs.train import TrainPipelineConfig
+from lerobot_options import read_training
 
 from lerobot_lisa.analysis.control import rollout
 from lerobot_lisa.analysis.listening import command as listening
@@ -107,10 +106,7 @@ def test_the_page_from_top_to_bottom(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("folder", ["mt10", "mt10_states"])
 def test_the_recipes_are_of_mt10_and_differ_in_the_policy_only(folder: str) -> None:
-    lisa, lang_dt = (
-        draccus.parse(TrainPipelineConfig, config_path=ROOT / f"configs/metaworld/{folder}/{name}.yaml", args=[])
-        for name in ("lisa", "lang_dt")
-    )
+    lisa, lang_dt = (read_training(ROOT / f"configs/metaworld/{folder}/{name}.yaml") for name in ("lisa", "lang_dt"))
     assert find_tasks(lisa.env.task) == find_tasks("MT10")
     for name in ("batch_size", "steps", "seed", "dataset", "env"):
         assert getattr(lisa, name) == getattr(lang_dt, name), name

@@ -8,6 +8,7 @@ import sysconfig
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -20,8 +21,7 @@ SCRIPTS = Path(sysconfig.get_path("scripts"))
 
 
 def edit(*arguments: object) -> None:
-    command = [sys.executable, SCRIPTS / "lerobot-edit-dataset", *map(str, arguments)]
-    done = subprocess.run(command, env={**os.environ, "HF_HUB_OFFLINE": "1"}, capture_output=True, text=True)
+    done = programs.run("lerobot-edit-dataset", *arguments)
     assert done.returncode == 0, done.stderr
 
 

@@ -2,12 +2,11 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import programs
 import psutil
 import pytest
 
@@ -30,7 +29,7 @@ def work():
 if __name__ == "__main__":
     raise SystemExit(exit_code(work))
 """
-Start = Callable[..., subprocess.Popen[str]]
+Start = Callable[..., programs.Program]
 
 
 def family(session: int) -> list[str]:
@@ -48,20 +47,17 @@ def family(session: int) -> list[str]:
 @pytest.fixture
 def start() -> Iterator[Start]:
     """Starts programs in sessions of their own; nothing of them outlives the test."""
-    started: list[subprocess.Popen[str]] = []
+    started: list[programs.Program] = []
 
-    def run(*arguments: object) -> subprocess.Popen[str]:
-        command = [sys.executable, *map(str, arguments)]
-        started.append(
-            subprocess.Popen(command, cwd=PROJECT, stderr=subprocess.PIPE, text=True, start_new_session=True)
-        )
+    def run(*arguments: object) -> programs.Program:
+        started.append(programs.start("python", *arguments, cwd=PROJECT, new_session=True))
         return started[-1]
 
     yield run
     for process in started:
         if family(process.pid):
             os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+        process.wait()
 
 
 def wait_for(ready: Callable[[], object], seconds: float = 200) -> bool:
@@ -79,7 +75,7 @@ def test_a_second_ctrl_c_ends_the_workers_at_once(start: Start, tmp_path: Path) 
     time.sleep(2)
     assert parent.poll() is None  # it waits for what is under way
     os.killpg(parent.pid, signal.SIGINT)
-    _, errors = parent.communicate(timeout=60)
+    _, errors = parent.communicate()
     assert parent.returncode == 130
     assert errors.splitlines() == [
         "interrupted: finishing what is under way; Ctrl-C again to end at once",
@@ -96,7 +92,7 @@ def test_a_run_in_shards_leaves_no_process_behind(start: Start, tmp_path: Path, 
     assert wait_for(lambda: len(list(shards.glob("*.partial/shards/*.npz"))) >= 4)
     assert len(family(parent.pid)) >= 4
     parent.send_signal(how)
-    _, errors = parent.communicate(timeout=60)
+    _, errors = parent.communicate()
     assert parent.returncode == (130 if how == signal.SIGINT else -how)
     assert "Traceback" not in errors
     assert wait_for(lambda: not family(parent.pid), 30), family(parent.pid)

@@ -3,11 +3,11 @@
 import json
 import os
 import subprocess
-import sys
-import sysconfig
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
+import programs
 import pytest
 import tiny_datasets
 from local_hub import LocalHub
@@ -28,14 +28,7 @@ def run(hub: LocalHub, tmp_path_factory: pytest.TempPathFactory) -> Run:
     home = tmp_path_factory.mktemp("hf_home")
     env = {key: value for key, value in os.environ.items() if not key.startswith("HF_")}
     env |= {"HF_ENDPOINT": hub.url, "HF_TOKEN": "hf_dummy", "HF_HOME": str(home), "HF_HUB_DISABLE_XET": "1"}
-    env |= {"NO_PROXY": "127.0.0.1", "OMP_NUM_THREADS": "1"}
-
-    def run(program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-        path = sys.executable if program == "python" else Path(sysconfig.get_path("scripts")) / program
-        command = [str(part) for part in (path, *arguments)]
-        return subprocess.run(command, capture_output=True, text=True, check=False, env=env, cwd=home)
-
-    return run
+    return partial(programs.run, env={**env, "NO_PROXY": "127.0.0.1"}, cwd=home)
 
 
 @pytest.fixture(scope="module")

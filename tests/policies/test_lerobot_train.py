@@ -5,27 +5,28 @@ import os
 import re
 import shutil
 import subprocess
-import sys
+import sysconfig
 from pathlib import Path
 
+import programs
 import pytest
 import tiny_datasets
 import torch
 from safetensors.torch import load_file
 
 pytestmark = pytest.mark.slow
-TRAIN = [sys.executable, "-m", "lerobot.scripts.lerobot_train"]
 LAST = "checkpoints/000004"
 
 
 def lerobot_train(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*TRAIN, *arguments],
-        env={**os.environ, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return programs.run("lerobot-train", *arguments)
+
+
+def started_anew(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """`lerobot-train` in a process that shares nothing with the others."""
+    script = Path(sysconfig.get_path("scripts")) / "lerobot-train"
+    env = {**os.environ, "OMP_NUM_THREADS": "1"}
+    return subprocess.run([script, *arguments], env=env, capture_output=True, text=True, check=False)
 
 
 def new_run(output: Path, root: Path, *settings: str) -> list[str]:
@@ -59,7 +60,7 @@ def test_rates_log_resumption_and_repetition(symbolic: Path, encoder: Path, tmp_
 
     first = lerobot_train(*new_run(tmp_path / "first", symbolic, *settings))
     assert first.returncode == 0, first.stderr[-3000:]
-    again = lerobot_train(*new_run(tmp_path / "again", symbolic, *settings, "--save_freq=4"))
+    again = started_anew(*new_run(tmp_path / "again", symbolic, *settings, "--save_freq=4"))
     assert again.returncode == 0, again.stderr[-3000:]
     shutil.rmtree(encoder)
     middle = tmp_path / "first/checkpoints/000002/pretrained_model/train_config.json"

@@ -3,10 +3,9 @@
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
+import programs
 import pytest
 import tiny_datasets
 from scripted_robot import CAMERAS, JOINTS
@@ -53,15 +52,12 @@ def test_the_guide_from_top_to_bottom(tmp_path: Path) -> None:
     )
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     here = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])}
-    env = {**os.environ, **here, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
 
     done = []
     for command in commands():
         program, *arguments = smaller(command, data)
         run = f"import sys; sys.argv[0] = {program!r}; {PROGRAMS[program]}; main()"
-        result = subprocess.run(
-            [sys.executable, "-c", run, *arguments], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
-        )
+        result = programs.run("python", "-c", run, *arguments, cwd=tmp_path, env={**os.environ, **here})
         assert result.returncode == 0, f"{command}\n{result.stderr[-4000:]}"
         done.append(program)
 

@@ -14,7 +14,7 @@ like: ours.gotolocal_1k
 title: GoToLocal tiny
 data: {episodes: 12}
 options:
-  all: {batch_size: 4, steps: 300, save_freq: 20, policy.dim_model: 16, policy.n_heads: 2}
+  all: {batch_size: 4, steps: 300, save_freq: 100, policy.dim_model: 16, policy.n_heads: 2}
   lisa: {policy.quantizer_warmup_steps: 1, policy.codebook_size: 3}
 evaluate: {n_episodes: 4, batch_size: 4}
 seeds: [0]

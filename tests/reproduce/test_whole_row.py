@@ -1,31 +1,28 @@
 """A whole row on tiny data, every command real: interrupted, gone on with, listed, stale."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
+import programs
 import pytest
 
 from lerobot_lisa.reproduce.command import main
 
 
-def start(own_rows: Path, root: Path, *options: str) -> subprocess.Popen[str]:
-    program = [sys.executable, "-m", "lerobot_lisa.reproduce.command"]
-    command = [*program, "tiny", f"--own-rows={own_rows}", f"--root={root}", "--device=cpu", *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+def start(own_rows: Path, root: Path, *options: str) -> programs.Program:
+    where = [f"--own-rows={own_rows}", f"--root={root}", "--device=cpu"]
+    return programs.start("lisa-reproduce", "tiny", *where, *options)
 
 
-def wait_for(pattern: str, folder: Path, process: subprocess.Popen[str]) -> None:
+def wait_for(pattern: str, folder: Path, process: programs.Program) -> None:
     while process.poll() is None and not list(folder.glob(pattern)):
         time.sleep(0.02)
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)  # seven programs, each of which imports PyTorch and LeRobot
+@pytest.mark.timeout(900)  # of its programs, the steps import PyTorch and LeRobot
 def test_a_row_is_interrupted_and_gone_on_with(
     own_rows: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,15 +1,13 @@
 """Converted files: every demonstration comes back, subsets are the paper's, and LeRobot's tools work on the result."""
 
-import os
 import pickle
 import random
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from original_files import demo, dump, pack
@@ -96,9 +94,7 @@ def test_lerobots_own_tools_edit_the_dataset(source, tmp_path):
     convert(ConvertSettings(source, tmp_path / "d", "me/d"))
 
     def edit(*arguments: str) -> str:
-        tool = Path(sys.executable).with_name("lerobot-edit-dataset")
-        environment = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_LEROBOT_HOME": str(tmp_path / "home")}
-        done = subprocess.run([tool, *arguments], capture_output=True, text=True, env=environment, check=False)
+        done = programs.run("lerobot-edit-dataset", *arguments)
         assert done.returncode == 0, done.stderr[-2000:]
         return done.stdout + done.stderr
 

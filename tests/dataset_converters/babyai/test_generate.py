@@ -2,14 +2,12 @@
 
 import hashlib
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 from filelock import FileLock
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -216,16 +214,14 @@ def test_a_full_disk_is_one_line_and_leaves_the_shards(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_ctrl_c_is_one_line_and_leaves_a_run_that_goes_on(tmp_path):
-    command = [sys.executable, "-m", "dataset_converters.babyai", "generate", "--level", "GoToLocal", "--episodes"]
-    command += ["20000", "--root", str(tmp_path / "d"), "--repo-id", "me/local", "--workers", "2"]
-    environment = {**os.environ, "HF_HUB_OFFLINE": "1"}
-    running = subprocess.Popen(command, cwd=PROJECT, stderr=subprocess.PIPE, text=True, env=environment)
+    command = ["python", "-m", "dataset_converters.babyai", "generate", "--level", "GoToLocal", "--episodes", "20000"]
+    running = programs.start(*command, "--root", tmp_path / "d", "--repo-id", "me/local", "--workers", "2")
     shards = tmp_path / "d.partial/shards"
     deadline = time.monotonic() + 200
     while not list(shards.glob("*.npz")) and running.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
-    _, errors = running.communicate(timeout=240)
+    _, errors = running.communicate()
     assert running.returncode == 130
     assert errors.strip().splitlines()[-1].startswith("interrupted")
     assert "Traceback" not in errors

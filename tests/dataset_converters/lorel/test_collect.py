@@ -3,14 +3,13 @@
 import hashlib
 import json
 import resource
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
+import programs
 import pytest
 from filelock import FileLock
 
@@ -216,13 +215,8 @@ def test_a_second_process_is_refused(sixty, tmp_path):
 @pytest.mark.slow
 def test_a_full_disk_is_one_line_and_leaves_a_run_that_goes_on(sixty, tmp_path):
     """A limit on the size of files stands in for a full disk: shards fit, the data set does not."""
-    command = [sys.executable, "-m", "dataset_converters.lorel", "collect", "--episodes", "60", "--workers", "1"]
-    command += ["--root", str(tmp_path / "play"), "--repo-id", "me/play"]
-
-    def limit_files() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-
-    ran = subprocess.run(command, cwd=PROJECT, preexec_fn=limit_files, capture_output=True, text=True)
+    command = ["python", "-m", "dataset_converters.lorel", "collect", "--episodes", "60", "--workers", "1"]
+    ran = programs.run(*command, "--root", tmp_path / "play", "--repo-id", "me/play", file_size=60_000)
     assert ran.returncode == 1
     assert ran.stderr.splitlines()[-1].startswith("error: ")
     assert "Traceback" not in ran.stderr

@@ -2,15 +2,14 @@
 
 import hashlib
 import os
-import resource
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
+import programs
 import pytest
 from lorel_files import original_arrays, write_original
 
@@ -24,23 +23,12 @@ from dataset_converters.lorel.collect import CollectSettings
 from dataset_converters.lorel.collect import collect as make_collection
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # most of the time is spent importing LeRobot
-PROJECT = Path(__file__).parents[3]
-
-
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "dataset_converters.lorel", *map(str, arguments)]
+LOREL = ("python", "-m", "dataset_converters.lorel")
 
 
 def run(*arguments: object, limit: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run a command; `limit` bounds the size of its files, in bytes, as a full disk would."""
-
-    def limit_files() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    before = limit_files if limit else None
-    return subprocess.run(
-        command(*arguments), cwd=PROJECT, capture_output=True, text=True, check=False, preexec_fn=before
-    )
+    return programs.run(*LOREL, *arguments, file_size=limit)
 
 
 def refused(done: subprocess.CompletedProcess[str]) -> str:
@@ -58,7 +46,7 @@ def tree_hash(root: Path) -> dict[str, str]:
     }
 
 
-def stopped(process: subprocess.Popen[bytes], ready: Callable[[], bool]) -> subprocess.Popen[bytes]:
+def stopped(process: programs.Program, ready: Callable[[], bool]) -> programs.Program:
     """The process, halted as soon as it is ready."""
     while not ready():
         assert process.poll() is None, "ended before it was ready"
@@ -68,12 +56,12 @@ def stopped(process: subprocess.Popen[bytes], ready: Callable[[], bool]) -> subp
 
 
 @pytest.fixture
-def play(tmp_path: Path) -> Iterator[Callable[[list[str], Callable[[], bool]], subprocess.Popen[bytes]]]:
+def play(tmp_path: Path) -> Iterator[Callable[[list[object], Callable[[], bool]], programs.Program]]:
     """Starts commands that are halted half-way; none outlives the test."""
-    started: list[subprocess.Popen[bytes]] = []
+    started: list[programs.Program] = []
 
-    def start(arguments: list[str], ready: Callable[[], bool]) -> subprocess.Popen[bytes]:
-        started.append(subprocess.Popen(arguments, cwd=PROJECT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+    def start(arguments: list[object], ready: Callable[[], bool]) -> programs.Program:
+        started.append(programs.start(*LOREL, *arguments))
         return stopped(started[-1], ready)
 
     yield start
@@ -85,7 +73,7 @@ def play(tmp_path: Path) -> Iterator[Callable[[list[str], Callable[[], bool]], s
 def test_a_second_collection_is_refused_and_a_killed_one_goes_on_to_the_same_bytes(tmp_path, play) -> None:
     root, partial = tmp_path / "play", tmp_path / "play.partial"
     collect = ["collect", "--episodes", 60, "--workers", 1, "--repo-id", "me/play"]
-    first = play(command(*collect, "--root", root), lambda: any(partial.glob("shards/states-*.npz")))
+    first = play([*collect, "--root", root], lambda: any(partial.glob("shards/states-*.npz")))
     assert "another process is writing this dataset" in refused(run(*collect, "--root", root))
     assert not root.exists()
     first.kill()
@@ -104,7 +92,7 @@ def test_a_second_conversion_is_refused_and_a_killed_one_starts_over_to_the_same
     source = write_original(tmp_path / "source", arrays)
     root, partial = tmp_path / "d", tmp_path / "d.partial"
     convert = ["convert", *source, "--repo-id", "me/d"]
-    first = play(command(*convert, "--root", root), lambda: (partial / "dataset/meta").exists())
+    first = play([*convert, "--root", root], lambda: (partial / "dataset/meta").exists())
     assert "another process is writing this dataset" in refused(run(*convert, "--root", root))
     first.kill()
     first.wait()

@@ -2,13 +2,12 @@
 
 import hashlib
 import os
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import programs
 import pytest
 import torch
 
@@ -211,16 +210,16 @@ def test_bad_arguments_are_one_line_and_leave_nothing(
 @pytest.mark.slow
 def test_without_gl_one_line_says_what_to_install_and_states_do_without(tmp_path: Path) -> None:
     """Nothing is simulated before it is known that it can be drawn."""
-    command = [sys.executable, "-m", "dataset_converters.metaworld", "collect", "--tasks", SHORT[0], "--episodes", "1"]
-    env = {**os.environ, "MUJOCO_GL": "disable", "OMP_NUM_THREADS": "1"}
-    where = ["--root", str(tmp_path / "d"), "--repo-id", "me/d", "--workers", "1"]
+    command = ["python", "-m", "dataset_converters.metaworld", "collect", "--tasks", SHORT[0], "--episodes", "1"]
+    command += ["--root", str(tmp_path / "d"), "--repo-id", "me/d", "--workers", "1"]
+    env = {**os.environ, "MUJOCO_GL": "disable"}
 
-    done = subprocess.run([*command, *where], env=env, capture_output=True, text=True, check=False)
+    done = programs.run(*command, env=env)
     assert (done.returncode, done.stdout, list(tmp_path.iterdir())) == (1, "", [])
     assert done.stderr.startswith("error: cannot draw Meta-World (MUJOCO_GL is disable: ")
     assert "apt-get install libegl1 libgl1-mesa-dri" in done.stderr
     assert done.stderr.rstrip().endswith("or use states only (--states-only)")
     assert done.stderr.count("\n") == 1
-    done = subprocess.run([*command, *where, "--states-only"], env=env, capture_output=True, text=True, check=False)
+    done = programs.run(*command, "--states-only", env=env)
     assert done.returncode == 0, done.stderr
     assert LeRobotDataset("me/d", root=tmp_path / "d").num_episodes == 1

@@ -1,7 +1,5 @@
 """LeRobot's own evaluation runs on these environments: right metrics, equal in turn and in processes."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +7,7 @@ from typing import Any
 import draccus
 import gymnasium as gym
 import numpy as np
+import programs
 import pytest
 import torch
 from lerobot.configs import FeatureType
@@ -256,7 +255,7 @@ assert not {"minigrid", "pygame"} & set(sys.modules)
 sys.modules["minigrid"] = None
 BabyAIEnvConfig().create_envs(1)
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    run = programs.run("python", "-c", code)
     assert "UserError" in run.stderr or run.stderr.startswith("error:"), run.stderr
     assert "pip install lerobot_policy_lisa[babyai]" in run.stderr
     assert run.stdout == ""

@@ -1,7 +1,6 @@
 """LeRobot's own evaluation runs on the tabletop: suites as groups, equal in turn and in processes."""
 
 import json
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import draccus
 import drawing
 import numpy as np
+import programs
 import pytest
 import torch
 from lerobot.configs import FeatureType
@@ -207,7 +207,7 @@ assert not {{"mujoco", "metaworld"}} & set(sys.modules)
 sys.modules["{package}"] = None
 LorelEnvConfig().create_envs(1)
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    run = programs.run("python", "-c", code)
     assert f'error: LOReL needs {package}: pip install "lerobot_policy_lisa[lorel]"' in run.stderr
     assert run.stdout == ""
 

@@ -1,15 +1,13 @@
 """From collected data to numbers with the real commands: lerobot-train, lerobot-eval, the success rates."""
 
 import json
-import os
 import subprocess
-import sys
-import sysconfig
 from pathlib import Path
 from typing import Any
 
 import av
 import drawing
+import programs
 import pytest
 
 from dataset_converters.lorel.collect import CollectSettings, collect
@@ -18,14 +16,7 @@ from lerobot_lisa.envs.lorel.groups import GROUPS
 from lerobot_lisa.envs.lorel.suites import SUITES
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
-SCRIPTS = Path(sysconfig.get_path("scripts"))
 IMAGE_ONLY = json.dumps({"observation.image": {"type": "VISUAL", "shape": [3, 64, 64]}})
-
-
-def run(program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPTS / program), *map(str, arguments)]
-    env = {**os.environ, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
-    return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +30,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def train(data: Path, output: Path, *settings: str) -> Path:
     """Two steps of a small LISA policy; returns its checkpoint."""
-    done = run(
+    done = programs.run(
         "lerobot-train", "--policy.type=lisa", "--policy.language_encoder=words", "--policy.dim_model=32",
         "--policy.n_heads=2", "--policy.device=cpu", "--policy.push_to_hub=false", "--dataset.repo_id=local/play",
         f"--dataset.root={data}", "--batch_size=4", "--num_workers=0", "--steps=2", f"--output_dir={output}", *settings,
@@ -49,7 +40,7 @@ def train(data: Path, output: Path, *settings: str) -> Path:
 
 
 def evaluate(policy: Path, output: Path, task: str, *settings: str) -> subprocess.CompletedProcess[str]:
-    return run(
+    return programs.run(
         "lerobot-eval", f"--policy.path={policy}", "--env.type=lorel", f"--env.task={task}", "--eval.n_episodes=1",
         "--eval.batch_size=1", "--eval.use_async_envs=false", f"--output_dir={output}", *settings,
     )  # fmt: skip

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import drawing
+import programs
 import pytest
 
 from lerobot_lisa.envs import gl
@@ -21,7 +22,7 @@ CHOICE = {"MUJOCO_GL", "PYOPENGL_PLATFORM"}  # MuJoCo sets the second one by the
 
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     env = {key: value for key, value in os.environ.items() if key not in CHOICE} | environment
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False)
+    return programs.run("python", "-c", code, env=env)
 
 
 @pytest.mark.slow
