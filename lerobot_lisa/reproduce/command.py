@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from lerobot_lisa.errors import UserError, exit_code
-from lerobot_lisa.reproduce.listing import estimate, needs, outcomes, overview
+from lerobot_lisa.reproduce.listing import estimate, outcomes, overview
 from lerobot_lisa.reproduce.outcomes import State, keep, read_published, state
 from lerobot_lisa.reproduce.plan import Run, Settings, plan
 from lerobot_lisa.reproduce.results import publish, render_page
@@ -27,6 +27,7 @@ from lerobot_lisa.reproduce.steps import Step
 _MODULES = {
     "babyai": ("minigrid",),
     "lorel": ("mujoco", "metaworld"),
+    "metaworld": ("mujoco", "metaworld"),
     "reproduce": ("doit",),
     "scale": ("datatrove",),
 }
@@ -104,7 +105,7 @@ def _run_rows(rows: list[Row], runs: list[Run], settings: Settings, options: arg
     if options.dry_run:
         print(*_commands(steps), sep="\n")
         return
-    _check_extras([needs(row) for row in rows] + (["reproduce"] if options.executor == "local" else []))
+    _check_extras([row.family for row in rows] + (["reproduce"] if options.executor == "local" else []))
     if options.executor == "slurm":
         _queue(steps, options)
         return

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from lerobot_lisa.reproduce import speeds
 from lerobot_lisa.reproduce.outcomes import NO_RECIPE, NOT_RUN, RUN, STALE, STARTED, Outcome, State
 from lerobot_lisa.reproduce.plan import Run
-from lerobot_lisa.reproduce.rows import Row
 from lerobot_lisa.reproduce.steps import Step
 
 _WORST_FIRST = (STARTED, STALE, NOT_RUN, RUN, NO_RECIPE)
@@ -28,7 +27,7 @@ def _line(run: Run, at: State) -> tuple[str, ...]:
     why = f" ({at.why})" if at.why else ""
     return (
         f"{run.row.name} {run.policy} {run.seed}",
-        needs(run.row),
+        run.row.family,
         speeds.shown(left) if left else "",
         speeds.shown(took) if took else "",
         at.word + why,
@@ -36,11 +35,6 @@ def _line(run: Run, at: State) -> tuple[str, ...]:
         success(kept),
         _paper(run.row.paper.get(run.policy)),
     )
-
-
-def needs(row: Row) -> str:
-    """The extra of a row's world."""
-    return row.data["make"].split()[0]
 
 
 def success(kept: Outcome) -> str:

@@ -21,6 +21,7 @@ PROGRAMS = {
     "lisa-unseen": ("lerobot_lisa.analysis.unseen", "unseen.json"),
 }
 """What evaluates: the module that it depends on, and the file that it writes last."""
+_SIMULATORS = {"babyai": ("minigrid",), "lorel": ("mujoco",), "metaworld": ("mujoco", "metaworld")}
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def data(row: Row, settings: Settings) -> Step:
     options = {name.replace("_", "-"): value for name, value in row.data.items() if name != "make"}
     flags = [f"--{name}" for name, value in options.items() if value is True]
     valued = as_words({name: value for name, value in options.items() if value is not True})
-    family = make[0]
+    family = row.family
     where = ("--root={folder}/data", f"--repo-id={_repo_id(row)}")
     return Step(
         kind="data",
@@ -181,7 +182,7 @@ def data(row: Row, settings: Settings) -> Step:
         depends={
             "command": " ".join([*make, *valued, *flags]),
             "code": fingerprint([f"dataset_converters.{family}.{make[1]}"]),
-            "versions": _versions("minigrid" if family == "babyai" else "mujoco"),
+            "versions": _versions(*_SIMULATORS[family]),
         },
         template=("python", "-m", f"dataset_converters.{family}", *make[1:], *valued, *flags, *where),
         result="data/meta/info.json",
@@ -214,7 +215,7 @@ def _checkpoint_name(steps: int) -> str:
 
 def _repo_id(row: Row) -> str:
     size = int(row.data["episodes"])
-    return f"local/{row.world}_{size // 1000}k".lower().replace(" ", "_") if size >= 1000 else f"local/{row.table}"
+    return f"local/{row.world}_{f'{size // 1000}k' if size >= 1000 else size}".lower().replace(" ", "_")
 
 
 def _label(row: Row, policy: str, seed: int) -> str:

@@ -1,41 +1,27 @@
 """The tables of docs/results.md, made from committed files: one for each training and its evaluation."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
-
-from scipy.stats import binomtest
 
 from lerobot_lisa.analysis.files import aside, write_json
 from lerobot_lisa.code_version import PACKAGE
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.reproduce.outcomes import RUN, Outcome, State, is_of, read_published
+from lerobot_lisa.reproduce.before import read_before
+from lerobot_lisa.reproduce.figures import draw_all, link
+from lerobot_lisa.reproduce.outcomes import RUN, State, is_of, read_published
 from lerobot_lisa.reproduce.plan import Run
-from lerobot_lisa.reproduce.rows import DATA_ONLY, Row, read_rows
+from lerobot_lisa.reproduce.rows import MAIN, Row, read_rows
+from lerobot_lisa.reproduce.side_by_side import side_by_side
+from lerobot_lisa.reproduce.tables import by_policy
 
 FOLDER, PAGE = Path("docs/results"), Path("docs/results.md")
-POLICIES = {
-    "lisa": "LISA",
-    "lang_dt": "Lang-DT",
-    "babyai_rnn": "BabyAI's own network",
-    "lang_bc": "LOReL's behaviour cloning",
-    "lorel_planner": "LOReL's planner",
-    "kmeans_skills": "k-means skills",
-    DATA_ONLY: "no policy",
-}
-_HEAD = (
-    "| row | steps at most | policy | success | heard, points | SPL | within 2 x | seeds x n | paper | commit |\n"
-    "|---|---|---|---|---|---|---|---|---|---|"
-)
-_BLOCK = re.compile(r"(<!-- runs: (?P<name>\w+) -->\n).*?(<!-- end of runs -->)", re.DOTALL)
-_LEVELS = ["GoToLocal", "GoToSeq", "SynthSeq", "BossLevel", "LOReL"]
-_MAIN = ("ours", "table1", "table2")  # in the blocks of their worlds; other tables have blocks of their own
-_Group = tuple[str, int, str]  # title of the row, limit of steps or 0, policy
+_BLOCK = re.compile(r"(<!-- (?P<kind>runs|figure): (?P<name>\w+) -->\n).*?(<!-- end of (?P=kind) -->)", re.DOTALL)
+_PAIRED = ("lorel", "metaworld")  # worlds whose tables have LISA and Lang-DT side by side
 
 
 def render_page(root: Path = PACKAGE.parent) -> None:
-    """Write the page of a checkout anew.
+    """Write the page of a checkout anew, and draw its figures.
 
     Raises:
         UserError: This is no checkout.
@@ -45,100 +31,37 @@ def render_page(root: Path = PACKAGE.parent) -> None:
         raise UserError(f"{page}: there is no page of results here: --render and --publish are for a checkout")
     with aside(page) as partial:
         partial.write_text(render(page.read_text(encoding="utf-8"), root / FOLDER), encoding="utf-8")
+    draw_all(read_published(root / FOLDER), list(read_rows().values()), page.parent)
 
 
 def render(page: str, folder: Path = FOLDER) -> str:
     """The page with its tables made anew."""
     rows = read_rows()
-    return _BLOCK.sub(lambda found: f"{found[1]}{_block(found['name'], rows, folder)}\n{found[3]}", page)
+
+    def block(found: re.Match[str]) -> str:
+        if found["kind"] == "figure":
+            return f"{found[1]}{link(found['name'], read_published(folder), rows.values())}\n{found[4]}"
+        return f"{found[1]}{_block(found['name'], rows, folder)}\n{found[4]}"
+
+    return _BLOCK.sub(block, page)
 
 
 def _block(name: str, rows: Mapping[str, Row], folder: Path) -> str:
     """A table of rows (`ablations`), or all of the paper's main tables and ours about a world (`babyai`)."""
     chosen = [row for row in rows.values() if row.table == name]
-    chosen = chosen or [row for row in rows.values() if row.table in _MAIN and _world(row) == name]
+    chosen = chosen or [row for row in rows.values() if row.table in MAIN and row.family == name]
     elsewhere = {row.title for row in rows.values()} - {row.title for row in chosen}
     runs = [kept for kept in read_published(folder) if kept["row"] not in elsewhere]
+    if name in _PAIRED:
+        return side_by_side(runs, sorted(chosen, key=_seen_first), read_before(name, folder))
     titles = {row.title for row in chosen}
-    return table([kept for kept in runs if kept["row"] in titles or kept["env"]["type"] == name], chosen)
+    return by_policy([kept for kept in runs if kept["row"] in titles or kept["env"]["type"] == name], chosen)
 
 
-def _world(row: Row) -> str:
-    return row.data["make"].split()[0]
-
-
-def table(runs: Iterable[Outcome], rows: Iterable[Row] = ()) -> str:
-    """One line for each row, step limit and policy, seeds pooled or side by side; rows without runs are "not run"."""
-    groups: dict[_Group, list[Outcome]] = {}
-    listed = {row.title: row for row in rows}
-    for row in listed.values():
-        limit = row.evaluate.get("env.max_episode_steps") or 0
-        groups |= {(row.title, limit, policy): [] for policy in row.policies}
-    for run in runs:
-        groups.setdefault((run["row"], run["env"]["max_episode_steps"] or 0, run["policy"]), []).append(run)
-    lines = [_HEAD]
-    places = {title: place for place, title in enumerate(listed)} if _in_order(listed.values()) else {}
-    for key, group in sorted(groups.items(), key=lambda item: (places.get(item[0][0], 0), *_order(*item[0]))):
-        lines.append(_line(key, group, listed.get(key[0])))
-    lines += [line for row in listed.values() for line in _peers(row)]
-    return "\n".join(lines)
-
-
-def _in_order(rows: Iterable[Row]) -> bool:
-    """Whether rows stay in the order of their files; those of the main tables go by level and size."""
-    return not any(row.table in _MAIN for row in rows)
-
-
-def _order(row: str, limit: int, policy: str) -> tuple[Any, ...]:
-    level, _, size = row.partition(" ")
-    kind, _, steps = policy.partition("@")
-    place = [*POLICIES].index(kind) if kind in POLICIES else len(POLICIES)
-    at = int(steps) if steps else 10**12
-    return _LEVELS.index(level) if level in _LEVELS else len(_LEVELS), len(size), row, limit, place, kind, at
-
-
-def _line(key: _Group, runs: Sequence[Outcome], row: Row | None) -> str:
-    title, limit, policy = key
-    at_most = limit or (f"{_own(row)}'s own" if row else "its own")
-    paper = _paper(row.paper.get(policy) if row else None)
-    cells = [title, at_most, _called(policy), *(_numbers(runs) if runs else ["not run", *[""] * 4]), paper]
-    return f"| {' | '.join(str(cell) for cell in [*cells, _commits(runs)])} |"
-
-
-def _called(policy: str) -> str:
-    kind, _, steps = policy.partition("@")
-    return POLICIES.get(kind, kind) + (f", {int(steps):,} steps" if steps else "")
-
-
-def _own(row: Row) -> str:
-    return {"babyai": "BabyAI", "lorel": "LOReL"}.get(_world(row), "its world")
-
-
-def _numbers(runs: Sequence[Outcome]) -> Iterator[str]:
-    rates = [run["rates"] for run in runs]
-    successes, episodes = (sum(rate["success"][name] for rate in rates) for name in ("successes", "episodes"))
-    interval = binomtest(successes, episodes).proportion_ci(method="wilson")
-    yield f"**{100 * successes / episodes:.1f} %** ({100 * interval.low:.1f} to {100 * interval.high:.1f})"
-    yield ", ".join(f"{rate['heard']['points']:.1f}" for rate in rates if rate.get("heard"))
-    yield ", ".join(f"{rate['spl']['value']:.2f}" for rate in rates if rate.get("spl"))
-    yield ", ".join(f"{rate['budgets']['2']['success']['percent']:.1f} %" for rate in rates if rate.get("budgets"))
-    yield f"{len(runs)} x {rates[0]['success']['episodes']}"
-
-
-def _paper(number: tuple[float, float] | None) -> str:
-    if number is None:
-        return ""
-    return f"{number[0]:g} ± {number[1]:g} %" if number[1] else f"{number[0]:g} %"
-
-
-def _commits(runs: Sequence[Outcome]) -> str:
-    """Each commit leads to the file, which has the commands."""
-    return ", ".join(f"[{run['commit']}](results/{run['file']})" for run in runs)
-
-
-def _peers(row: Row) -> Iterator[str]:
-    for name, number in row.peers.items():
-        yield f"| {row.title} | | {name}, from their paper | {_paper(number)} |  |  |  |  |  |  |"
+def _seen_first(row: Row) -> tuple[bool, int]:
+    """States before images; what training knows before what it does not."""
+    suites = ["seen", "compositions", "rephrasals", row.evaluate.get("env.task")]
+    return bool(row.data.get("images")), suites.index(row.evaluate.get("env.task"))
 
 
 def publish(states: Iterable[tuple[Run, State]], root: Path = PACKAGE.parent) -> list[Path]:
@@ -163,7 +86,7 @@ def publish(states: Iterable[tuple[Run, State]], root: Path = PACKAGE.parent) ->
         for kept in read_published(folder):
             if is_of(kept, run):
                 (folder / kept["file"]).unlink()
-        path = folder / (outcome["env"]["type"] or _world(run.row)) / f"{run.row.name}_{run.policy}_seed{run.seed}.json"
+        path = folder / (outcome["env"]["type"] or run.row.family) / f"{run.row.name}_{run.policy}_seed{run.seed}.json"
         path.parent.mkdir(exist_ok=True)
         write_json(outcome, path, indent=2)
         written.append(path)

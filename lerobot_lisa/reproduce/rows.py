@@ -13,6 +13,7 @@ from lerobot_lisa.code_version import PACKAGE
 from lerobot_lisa.errors import UserError
 
 _DIGITS = re.compile(r"(\d+)")
+MAIN = ("ours", "table1", "table2")  # tables that are shown by worlds; others have a table of their own
 DATA_ONLY = "dataset"  # the "policy" of a row that asks a dataset and trains nothing
 
 
@@ -35,6 +36,7 @@ class Row:
         paper: Number of the paper in percent, and what it says behind +- (0 where it says nothing), by policy.
         parts: Numbers of the paper for parts of the evaluation, such as tasks: by part, then by policy.
         peers: The same from other papers, by their names.
+        random: What uniformly random actions achieve in the evaluation, in percent; None: not measured.
         source: Of the paper's numbers: table or section.
         note: What a reader should know.
     """
@@ -52,6 +54,7 @@ class Row:
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     peers: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    random: float | None = None
     source: str = ""
     note: str = ""
 
@@ -61,9 +64,15 @@ class Row:
         return self.name.partition(".")[0]
 
     @property
+    def family(self) -> str:
+        """The package of `dataset_converters` that makes its data: `babyai`, `lorel`, `metaworld`."""
+        return self.data["make"].split()[0]
+
+    @property
     def world(self) -> str:
-        """What decides how long things take: a BabyAI level, or LOReL with states or images."""
-        return self.data.get("level") or ("LOReL images" if self.data.get("images") else "LOReL states")
+        """What decides how long things take: a BabyAI level, Meta-World's tasks, or LOReL with states or images."""
+        seen = "images" if self.data.get("images") else "states"
+        return self.data.get("level") or f"{self.data.get('tasks', 'LOReL')} {seen}"
 
     def differences(self, policy: str) -> dict[str, Any]:
         """Options of `lerobot-train` in which a policy's training differs from its recipe."""

@@ -6,16 +6,18 @@ from pathlib import Path
 import pytest
 
 from benchmarks import results
+from lerobot_lisa.reproduce.results import PAGE, render
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_the_page_is_what_the_files_say(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    page = results.PAGE.read_text()
+    page = PAGE.read_text()
 
-    assert results.render(page) == page
-    assert "<!-- runs: babyai -->\n| row |" in page
+    assert render(page) == page
+    for world in ("babyai", "lorel", "metaworld", "ablations", "transfer"):
+        assert f"<!-- runs: {world} -->\n| row |" in page
 
 
 def rate(successes: int) -> dict:
@@ -42,12 +44,12 @@ def test_runs_are_kept_pooled_and_shown(tmp_path: Path, monkeypatch: pytest.Monk
     for seed, successes in enumerate((8, 9)):
         (tmp_path / "heard.json").write_text(json.dumps(told(successes)))
         assert results.main(["add", "heard.json", "--row=GoToSeq 1k", f"--seed={seed}", "--commit=abc1234"]) == 0
-    results.PAGE.parent.mkdir(exist_ok=True)
-    results.PAGE.write_text("before\n<!-- runs: babyai -->\nold\n<!-- end of runs -->\nafter\n")
+    PAGE.parent.mkdir(exist_ok=True)
+    PAGE.write_text("before\n<!-- runs: babyai -->\nold\n<!-- end of runs -->\nafter\n")
 
     assert results.main(["render"]) == 0
 
-    page = results.PAGE.read_text()
+    page = PAGE.read_text()
     line = "| GoToSeq 1k | BabyAI's own | LISA | **85.0 %** (64.0 to 94.8) | 70.0, 70.0 | 0.50, 0.50 | 70.0 %, 80.0 % |"
     files = [f"[abc1234](results/babyai/gotoseq_1k_lisa_seed{seed}_own_limit.json)" for seed in (0, 1)]
     assert f"{line} 2 x 10 | 59.4 ± 0.9 % | {', '.join(files)} |" in page

@@ -3,12 +3,13 @@
 from functools import cache
 from pathlib import Path
 
-import draccus
 import pytest
 from lerobot.configs.train import TrainPipelineConfig
+from lerobot_options import read_training
 
-import lerobot_lisa  # noqa: F401  registers policies and environments
 from lerobot_lisa.envs.babyai.levels import LEVELS
+from lerobot_lisa.envs.lorel.random_floor import random_floor
+from lerobot_lisa.envs.lorel.suites import SUITES
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.reproduce import command
 from lerobot_lisa.reproduce.command import main
@@ -25,13 +26,12 @@ def trainings(runs: list[Run]) -> dict[str, tuple[str, ...]]:
     return {step.label: tuple(step.command) for step in steps.values()}
 
 
-@cache  # LeRobot's parser takes a quarter of a second
+@cache
 def read(words: tuple[str, ...]) -> TrainPipelineConfig:
     """What `lerobot-train` makes of its options."""
     path = next(word.partition("=")[2] for word in words if word.startswith("--config_path="))
     options = [word for word in words[1:] if not word.startswith(("--config_path=", "--policy.path="))]
-    with draccus.config_type("yaml"):
-        return draccus.parse(TrainPipelineConfig, path, args=options)
+    return read_training(path, *options)
 
 
 def test_every_number_of_the_papers_tables_has_a_row() -> None:
@@ -44,7 +44,6 @@ def test_every_number_of_the_papers_tables_has_a_row() -> None:
     assert ROWS["table1.gotoseq_1k"].paper["lisa"] == (59.4, 0.9)
 
 
-@pytest.mark.timeout(900)  # fifty times LeRobot's parser
 def test_lerobot_reads_the_training_of_every_row() -> None:
     commands = trainings(RUNS)
     read_by_lerobot = {label: read(words) for label, words in commands.items() if label.endswith("seed 0")}
@@ -98,6 +97,24 @@ def test_rows_share_what_is_the_same() -> None:
     assert of_table.steps[0].folder == chosen["table3.bosslevel_1k"].steps[0].folder
 
 
+def test_random_actions_are_those_of_the_world() -> None:
+    for row in ROWS.values():
+        if row.family == "lorel":
+            floors = [random_floor(task) for task in SUITES[row.evaluate["env.task"]]]
+            assert row.random == round(sum(floors) / len(floors), 1), row.name
+
+
+def test_a_row_of_meta_world() -> None:
+    """Its tasks, demonstrations without pictures, its own world."""
+    data, train, heard = next(run.steps for run in RUNS if run.row.name == "ours.metaworld_mt10_states")
+    assert data.command[:7] == [
+        "python", "-m", "dataset_converters.metaworld", "collect", "--tasks=MT10", "--episodes=50", "--states-only"
+    ]  # fmt: skip
+    assert "--dataset.repo_id=local/mt10_states_50" in train.command
+    assert {"--env.type=metaworld_states", "--env.task=MT10"} <= set(heard.command)
+    assert {"metaworld", "mujoco"} == data.depends["versions"].keys()
+
+
 def test_a_policy_without_a_recipe_is_told_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     like = "like: table1.bosslevel_1k\npolicies: [nobodys]\nseeds: [0]\npaper: {nobodys: 46}\n"
@@ -132,6 +149,7 @@ def test_a_row_nobody_means_is_one_line_too(capsys: pytest.CaptureFixture[str]) 
     [
         ("ours.gotolocal_1k", "minigrid", "babyai"),
         ("table1.lorel_states", "metaworld", "lorel"),
+        ("ours.metaworld_mt10_states", "mujoco", "metaworld"),
         ("table2", "doit", "reproduce"),
     ],
 )

@@ -9,13 +9,14 @@ import pytest
 
 from lerobot_lisa import code_version
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.reproduce import results, run
+from lerobot_lisa.reproduce import run
 from lerobot_lisa.reproduce.outcomes import NOT_RUN, RUN, STALE, STARTED, keep, read_published, state
 from lerobot_lisa.reproduce.perform import perform
 from lerobot_lisa.reproduce.plan import Run, Settings, plan
 from lerobot_lisa.reproduce.results import publish
 from lerobot_lisa.reproduce.slurm import stages
 from lerobot_lisa.reproduce.steps import NOTE, Step, difference
+from lerobot_lisa.reproduce.tables import by_policy
 
 Writes = Callable[..., Step]
 
@@ -182,7 +183,7 @@ def test_runs_are_published_in_the_place_of_those_before(settings: Settings, tmp
     assert (kept["commit"], kept["env"]["max_episode_steps"]) == ("abc1234", 15)
     assert kept["commands"]["train"].startswith("lerobot-train --config_path=")
     assert str(tmp_path) not in path.read_text()
-    table = results.table(read_published(folder.parent), [settings.rows["tiny.gotolocal"]])
+    table = by_policy(read_published(folder.parent), [settings.rows["tiny.gotolocal"]])
     assert "| GoToLocal tiny | 15 | LISA | **50.0 %**" in table
     assert "| 50 ± 1.5 % | [abc1234](results/babyai/tiny.gotolocal_lisa_seed0.json) |" in table
     assert "| GoToLocal tiny | 15 | Lang-DT | not run |" in table
