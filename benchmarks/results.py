@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_lisa.errors import UserError, exit_code
-from lerobot_lisa.reproduce.results import FOLDER, PAGE, render, shorten
+from lerobot_lisa.reproduce.outcomes import how_evaluated
+from lerobot_lisa.reproduce.results import FOLDER, render_page, shorten
 
 
 def add(path: Path, row: str, seed: int, commit: str, note: str) -> Path:
@@ -26,20 +27,14 @@ def add(path: Path, row: str, seed: int, commit: str, note: str) -> Path:
     """
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
-        origin, made = told["evaluation"], told.get("made", {})
+        made = told.get("made", {})
         run = {
             "row": row,
-            "policy": origin["policy"]["type"],
+            "policy": told["evaluation"]["policy"]["type"],
             "seed": seed,
             "commit": commit,
             "note": note,
-            "env": {name: origin["env"].get(name) for name in ("type", "task", "max_episode_steps")},
-            "episodes": origin["n_episodes"],
-            "evaluation_seed": origin["seed"],
-            "batch_size": origin["batch_size"],
-            "weights": origin["checkpoint"]["sha256"],
-            "versions": origin["versions"],
-            "told": told["told"],
+            **how_evaluated(told),
             "rates": told["rates"]["overall"],
             "commits": {"train": commit, "heard": made.get("commit")},
             "commands": {"heard": shorten(made.get("command", ""))},
@@ -68,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.command == "add":
         return exit_code(lambda: print(add(options.file, options.row, options.seed, options.commit, options.note)))
-    return exit_code(lambda: PAGE.write_text(render(PAGE.read_text(encoding="utf-8")), encoding="utf-8"))
+    return exit_code(lambda: render_page(Path()))
 
 
 if __name__ == "__main__":

@@ -68,7 +68,6 @@ def outcome(run: Run, settings: Settings) -> Outcome:
     assert step is not None
     notes = {each.kind: each.note or {} for each in run.steps}
     told = _told(step.folder / step.result)
-    origin = told.get("evaluation", {})
     paths = {str(settings.root): "outputs/reproduce", str(find_configs()): "configs"}
     return {
         "name": run.row.name,
@@ -77,6 +76,20 @@ def outcome(run: Run, settings: Settings) -> Outcome:
         "seed": run.seed,
         "commit": notes.get("train", notes[step.kind]).get("commit", ""),
         "note": run.row.note,
+        **how_evaluated(told),
+        "rates": told["rates"].get("overall", {}),
+        "parts": {name: rates for name, rates in told["rates"].items() if name != "overall"},
+        "commits": {kind: note.get("commit") for kind, note in notes.items()},
+        "commands": {kind: _without(paths, note.get("command", "")) for kind, note in notes.items()},
+        "seconds": {kind: note.get("seconds") for kind, note in notes.items()},
+        "depends": step.depends,
+    }
+
+
+def how_evaluated(told: Mapping[str, Any]) -> Outcome:
+    """Of what an evaluation has written: in which world, on which episodes, with which weights and versions."""
+    origin = told.get("evaluation", {})
+    return {
         "env": {name: origin.get("env", {}).get(name) for name in ("type", "task", "max_episode_steps")},
         "episodes": origin.get("n_episodes"),
         "evaluation_seed": origin.get("seed"),
@@ -84,12 +97,6 @@ def outcome(run: Run, settings: Settings) -> Outcome:
         "weights": origin.get("checkpoint", {}).get("sha256"),
         "versions": origin.get("versions", {}),
         "told": told.get("told"),
-        "rates": told["rates"].get("overall", {}),
-        "parts": {name: rates for name, rates in told["rates"].items() if name != "overall"},
-        "commits": {kind: note.get("commit") for kind, note in notes.items()},
-        "commands": {kind: _without(paths, note.get("command", "")) for kind, note in notes.items()},
-        "seconds": {kind: note.get("seconds") for kind, note in notes.items()},
-        "depends": step.depends,
     }
 
 
