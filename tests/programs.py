@@ -2,8 +2,8 @@
 
 Importing both takes six seconds of a core, which is most of what a small command costs. A fork has nothing else that is
 ready: it runs the installed script, or what `python` was told to, in the environment and the folder that it is given.
-But strings have the same hashes in all forks, so whether processes agree is also asked of some that start from nothing, as
-one run of every command does.
+But strings have the same hashes in all forks, so whether processes agree is also asked of some that start from nothing,
+as one run of every command does.
 """
 
 import json

@@ -1,10 +1,21 @@
 """Tiny checkpoints that all analyses are tried on."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import tiny_checkpoints
 import tiny_datasets
+
+from lerobot_lisa.analysis import drawing
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _outlines_in_pdfs() -> Iterator[None]:
+    """Embedding parts of fonts is a third of what a report takes; reports of README's first steps have them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(drawing._SETTINGS, "pdf.fonttype", 3)
+        yield
 
 
 @pytest.fixture(scope="session")
