@@ -5,9 +5,9 @@ import json
 import os
 import resource
 import runpy
-import signal
 import sys
 import sysconfig
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -27,12 +27,14 @@ def serve() -> dict[str, Any]:
             wanted = json.loads(line)
             watch(Path(wanted["folder"]))
             return wanted
+        with suppress(ChildProcessError):  # those who have watched a program to its end
+            while os.waitpid(-1, os.WNOHANG) != (0, 0):
+                pass
     sys.exit()
 
 
 def watch(folder: Path) -> None:
     """Fork: the fork returns, while this process says how it has ended."""
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     program = os.fork()
     if program:
         say(folder / "pid", program)
@@ -87,7 +89,6 @@ if __name__ == "__main__":
     for module in READY:
         import_module(module)
     gc.freeze()  # forks share what is there
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # whoever has watched a program is not waited for
     wanted = serve()
     settle(wanted)
     become(*wanted["command"])

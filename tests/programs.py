@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 from collections.abc import Mapping
@@ -103,6 +104,15 @@ def run(program: str, *arguments: object, **settings: Any) -> subprocess.Complet
     """Start a command, see `start`, and wait for its end."""
     started = start(program, *arguments, **settings)
     return subprocess.CompletedProcess(started.args, started.wait(), *started.communicate())
+
+
+def run_anew(
+    program: str, *arguments: object, cwd: Path | None = None, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run an installed script in a process that starts from nothing."""
+    command = [Path(sysconfig.get_path("scripts")) / program, *map(str, arguments)]
+    environment = {"OMP_NUM_THREADS": "1", **(os.environ if env is None else env)}
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
 
 @cache

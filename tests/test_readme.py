@@ -3,8 +3,6 @@
 import os
 import re
 import shlex
-import subprocess
-import sysconfig
 import tomllib
 from pathlib import Path
 
@@ -25,15 +23,7 @@ SMALLER = {
     "--eval.n_episodes=100": "--eval.n_episodes=2 --policy.device=cpu --env.max_episode_steps=4",
     "--n_episodes=200": "--n_episodes=2 --policy.device=cpu --env.max_episode_steps=4",
 }
-
-
 FROM_NOTHING = ("lerobot-eval", "lisa-report")  # others do so in tests of their own
-
-
-def started_anew(program: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """An installed script in a process that shares nothing."""
-    command, env = [Path(sysconfig.get_path("scripts")) / program, *arguments], {**os.environ, "OMP_NUM_THREADS": "1"}
-    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
 
 
 def section(title: str) -> str:
@@ -57,7 +47,7 @@ def test_first_steps_and_the_robot_stack(tmp_path: Path) -> None:
     """One after the other in one folder, as a reader does; only numbers are smaller."""
 
     def run(program: str, *arguments: str) -> str:
-        start = started_anew if program in FROM_NOTHING else programs.run
+        start = programs.run_anew if program in FROM_NOTHING else programs.run
         done = start(program, *arguments, cwd=tmp_path)
         assert done.returncode == 0, f"{program} {arguments}\n{done.stderr}"
         return done.stdout

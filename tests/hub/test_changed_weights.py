@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -75,9 +74,7 @@ def test_a_file_too_big_is_not_fetched(hub: LocalHub, env: dict[str, str], tmp_p
     shutil.copyfile(hub.root / BIG / "model.safetensors", hub.root / BIG / "policy_preprocessor.json")
     with (hub.root / BIG / "policy_preprocessor.json").open("ab") as file:
         file.truncate(2**22)
-    program, *options = rollout(BIG, tmp_path / "out")
-    script = Path(sysconfig.get_path("scripts")) / program
-    done = subprocess.run([script, *options], env=env, capture_output=True, text=True, check=False)
+    done = programs.run_anew(*rollout(BIG, tmp_path / "out"), env=env)
     assert done.returncode == 1
     assert "policy_preprocessor.json has 4,194,304 bytes, more than 2,097,152" in done.stderr.splitlines()[-1]
     assert not list(Path(env["HF_HOME"]).rglob("models--me--big/**/policy_preprocessor.json"))

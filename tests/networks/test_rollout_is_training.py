@@ -111,9 +111,9 @@ def test_memory_and_time_per_step_are_bounded(name: str, window: int) -> None:
     prefix = words.tokens.shape[1]
     history = network.begin(words.tokens, words.valid)
     memory: Memory = history.policy if isinstance(network, LangDT) else history.predictor
-    sizes = []
+    sizes, observations = [], random_observations(2, 200)
     for step in range(200):
-        network.act(history, {key: value[:, step] for key, value in random_observations(2, 200).items()})
+        network.act(history, {key: value[:, step] for key, value in observations.items()})
         history.actions = torch.zeros(2, 1)
         sizes.append((memory.length, max(buffer.shape[3] for buffer in memory._keys_values)))
 

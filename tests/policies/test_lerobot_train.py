@@ -1,11 +1,9 @@
 """The real `lerobot-train`: rates, log, exact repetition and resumption, and one line for bad input."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
-import sysconfig
 from pathlib import Path
 
 import programs
@@ -20,13 +18,6 @@ LAST = "checkpoints/000004"
 
 def lerobot_train(*arguments: str) -> subprocess.CompletedProcess[str]:
     return programs.run("lerobot-train", *arguments)
-
-
-def started_anew(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """`lerobot-train` in a process that shares nothing with the others."""
-    script = Path(sysconfig.get_path("scripts")) / "lerobot-train"
-    env = {**os.environ, "OMP_NUM_THREADS": "1"}
-    return subprocess.run([script, *arguments], env=env, capture_output=True, text=True, check=False)
 
 
 def new_run(output: Path, root: Path, *settings: str) -> list[str]:
@@ -60,7 +51,7 @@ def test_rates_log_resumption_and_repetition(symbolic: Path, encoder: Path, tmp_
 
     first = lerobot_train(*new_run(tmp_path / "first", symbolic, *settings))
     assert first.returncode == 0, first.stderr[-3000:]
-    again = started_anew(*new_run(tmp_path / "again", symbolic, *settings, "--save_freq=4"))
+    again = programs.run_anew("lerobot-train", *new_run(tmp_path / "again", symbolic, *settings, "--save_freq=4"))
     assert again.returncode == 0, again.stderr[-3000:]
     shutil.rmtree(encoder)
     middle = tmp_path / "first/checkpoints/000002/pretrained_model/train_config.json"
