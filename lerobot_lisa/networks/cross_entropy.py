@@ -12,13 +12,11 @@ class CrossEntropySearch:
     """How plans are sought (Rubinstein and Kroese, 2004).
 
     Attributes:
-        steps: T, length of a plan.
         samples: Plans drawn in each round.
         elites: The best of them, around which the next round draws.
         rounds: How many there are.
     """
 
-    steps: int
     samples: int
     elites: int
     rounds: int
@@ -28,7 +26,7 @@ class CrossEntropySearch:
         self,
         value: Callable[[Tensor], Tensor],
         bounds: Tensor,
-        searches: int,
+        around: Tensor,
         generator: torch.Generator | None = None,
     ) -> Tensor:
         """Several searches side by side.
@@ -36,19 +34,18 @@ class CrossEntropySearch:
         Args:
             value: Of plans (B, samples, T, A), (B, samples); the greatest is best.
             bounds: (2, A) least and greatest action.
-            searches: B.
+            around: Plans (B, T, A) of B searches, around which the first round draws.
             generator: What to draw from; None: torch's own.
 
         Returns:
             The best plan of the last round, (B, T, A). The mean of its elites is timid wherever several plans are good.
         """
         low, high = bounds
-        mean = ((low + high) / 2).expand(searches, self.steps, len(low))
-        spread = ((high - low) / 2).expand_as(mean)
+        mean, spread = around, ((high - low) / 2).expand_as(around)
         for _ in range(self.rounds):
-            noise = torch.randn(searches, self.samples, *mean.shape[1:], generator=generator, device=bounds.device)
+            noise = torch.randn(len(around), self.samples, *mean.shape[1:], generator=generator, device=bounds.device)
             plans = torch.maximum(torch.minimum(mean[:, None] + spread[:, None] * noise, high), low)
             best = value(plans).topk(self.elites, dim=1).indices
-            elites = plans[torch.arange(searches, device=best.device)[:, None], best]
+            elites = plans[torch.arange(len(around), device=best.device)[:, None], best]
             mean, spread = elites.mean(1), elites.std(1, correction=0)
         return elites[:, 0]

@@ -2,19 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor, nn
+from torch import Tensor
 
 from lerobot_lisa.networks.cross_entropy import CrossEntropySearch
+from lerobot_lisa.networks.judge import Judge, Judged
 from lerobot_lisa.networks.language import LanguageEncoder
-from lerobot_lisa.networks.mlp import hidden_layers
 from lerobot_lisa.networks.observations import side_by_side
 from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.real_actions import RealHead
 from lerobot_lisa.networks.sentence_network import SentenceHistory, SentenceNetwork
+from lerobot_lisa.networks.world_model import WorldModel
 
 
 @dataclass(kw_only=True)
@@ -23,27 +22,34 @@ class PlannerHistory(SentenceHistory):
 
     Attributes:
         start: (B, S), the first state; None before the first step.
+        state: (B, S), the newest one.
+        memory: Of the model of the world, of all steps before this one.
+        plan: (B, T, A), the newest.
         generator: What the search draws from; None: torch's own.
     """
 
     start: Tensor | None = None
+    state: Tensor | None = None
+    memory: Tensor | None = None
+    plan: Tensor | None = None
     generator: torch.Generator | None = None
 
 
-class Judged(NamedTuple):
-    """What the judge said of a batch.
+class PlannedActions(RealHead):
+    """Predictions are the planned actions themselves.
 
-    Attributes:
-        judge_loss: Scalar.
-        judge_accuracy: Scalar, share of right answers, true and false ones counted alike.
+    Args:
+        weights: See `RealHead`.
+        bounds: See `RealHead`.
     """
 
-    judge_loss: Tensor
-    judge_accuracy: Tensor
+    def __init__(self, weights: Tensor, bounds: Tensor) -> None:
+        super().__init__(1, weights, bounds)
+        del self.embedding  # the model of the world takes actions as they are
 
-
-class PlannedActions(RealHead):
-    """Predictions are the planned actions themselves; actions enter the model of the world through `embed`."""
+    def embed(self, actions: Tensor) -> Tensor:
+        """Actions (..., A) as they are, but without what the environment ignores."""
+        return actions.float() * self.weights
 
     def forward(self, hidden: Tensor) -> Tensor:
         """Actions (N, A), as they are."""
@@ -66,7 +72,7 @@ class LorelPlanner(SentenceNetwork):
     """Nair et al., CoRL 2021 (arXiv:2109.01115), on states.
 
     The judge says whether the change from a first state to another one is what was told. Actions are sought whose
-    states, as the model of the world predicts them, it likes best.
+    states, as the model of the world imagines them, it likes best.
 
     Args:
         language: Instructions to tokens, whose mean is what was told.
@@ -75,7 +81,8 @@ class LorelPlanner(SentenceNetwork):
         width: D.
         dropout: In model and judge.
         head: Bounds of actions, and which of them count.
-        search: For actions.
+        steps: T, length of a plan.
+        search: For plans.
     """
 
     history = PlannerHistory
@@ -88,12 +95,13 @@ class LorelPlanner(SentenceNetwork):
         width: int,
         dropout: float,
         head: PlannedActions,
+        steps: int,
         search: CrossEntropySearch,
     ) -> None:
         super().__init__()
-        self.language, self.keys, self.actions, self.search = language, list(keys), head, search
-        self.model = nn.Sequential(hidden_layers(size + width, width, dropout), nn.Linear(width, size))
-        self.judge = nn.Sequential(hidden_layers(3 * size + width, width, dropout), nn.Linear(width, 1))
+        self.language, self.keys, self.actions, self.steps, self.search = language, list(keys), head, steps, search
+        self.world = WorldModel(size, len(head.weights), width, dropout)
+        self.judge = Judge(size, width, dropout)
 
     def forward(
         self,
@@ -103,20 +111,17 @@ class LorelPlanner(SentenceNetwork):
         actions: Tensor,
         packing: Packing,
     ) -> tuple[Tensor, Judged]:
-        """Predict the next state of all N frames (N, S), and judge B whole episodes; arguments as in `Lisa.forward`."""
+        """Imagine the next state of all N frames (N, S), and judge B whole episodes; arguments as in `Lisa.forward`.
+
+        In training each episode is seen up to a random step and imagined from there, in a validation from its first.
+        """
         states, sentences = self.state(observations), self.language(tokens, tokens_valid).sentence()
-        last = packing.lengths.cumsum(0) - 1
-        first = (last - packing.lengths + 1).to(states.device)
-        judged = self._judge(states[first], states[last.to(states.device)], sentences, tokens)
-        return self.predict(states, actions), judged
-
-    def predict(self, states: Tensor, actions: Tensor) -> Tensor:
-        """States (N, S) that follow states (N, S) and actions (N, A)."""
-        return states + self.model(torch.cat([states, self.actions.embed(actions)], dim=-1))
-
-    def rewards(self, start: Tensor, states: Tensor, sentences: Tensor) -> Tensor:
-        """Logits (N,) of "what was told (N, D) has been done since the start (N, S), now that states (N, S) are so"."""
-        return self.judge(torch.cat([start, states, states - start, sentences], dim=-1))[:, 0]
+        lengths = packing.lengths.to(states.device)
+        seen = (torch.rand(len(lengths)).to(states.device) * (lengths - 1)).long() if self.training else 0 * lengths
+        imagined, _ = self.world(packing.pad(states), packing.pad(self.actions.embed(actions)), seen)
+        last = lengths.cumsum(0) - 1
+        judged = self.judge.learn(states[last - lengths + 1], states[last], sentences, tokens, tokens_valid)
+        return packing.unpad(imagined), judged
 
     def state(self, observations: Mapping[str, Tensor]) -> Tensor:
         """All features of N frames side by side, (N, S)."""
@@ -128,48 +133,25 @@ class LorelPlanner(SentenceNetwork):
         return self.actions
 
     def act(self, history: PlannerHistory, observations: Mapping[str, Tensor]) -> Tensor:
-        """Plan anew, and take the first action of the plan (B, A)."""
-        states = self.state(observations)
-        if history.start is None:
-            history.start = states
-        history.step += 1
-        start, sentences = history.start, history.sentences
+        """Plan anew, beginning with what is left of the last plan, and take the plan's first action (B, A)."""
+        now, bounds = self.state(observations), self.actions.bounds
+        middle = bounds.mean(0).expand(len(now), self.steps, -1)
+        if history.start is None or history.plan is None:
+            history.start, left = now, middle
+        else:
+            history.memory = self.world.remember(history.state, self.actions.embed(history.actions), history.memory)
+            left = torch.cat([history.plan[:, 1:], middle[:, :1]], dim=1)
+        history.state, history.step = now, history.step + 1
+        history.plan = self.search(lambda plans: self._value(plans, history), bounds, left, history.generator)
+        return history.plan[:, 0]
 
-        def value(candidates: Tensor) -> Tensor:
-            """Sum of rewards along plans (B, n, T, A) -> (B, n)."""
-            plans = candidates.shape[1]
-            begun, told, now = (part.repeat_interleave(plans, 0) for part in (start, sentences, states))
-            total = now.new_zeros(len(now))
-            for action in candidates.flatten(0, 1).unbind(1):
-                now = self.predict(now, action)
-                total = total + self.rewards(begun, now, told).sigmoid()
-            return total.view(-1, plans)
-
-        return self.search(value, self.actions.bounds, len(states), history.generator)[:, 0]
-
-    def _judge(self, first: Tensor, last: Tensor, sentences: Tensor, tokens: Tensor) -> Judged:
-        """What B episodes say: their instruction is done at their end; another one is not, nor is it done backwards."""
-        other = torch.arange(len(tokens), device=tokens.device).roll(_turn(len(tokens), self.training))
-        moved = (first != last).any(1)
-        kinds = [
-            (self.rewards(first, last, sentences), moved, 1.0),
-            (self.rewards(first, last, sentences[other]), moved & (tokens != tokens[other]).any(1), 0.0),
-            (self.rewards(last, first, sentences), moved, 0.0),
-        ]
-        losses = [_mean(_cross_entropy(logits, answer), counts) for logits, counts, answer in kinds]
-        right = [_mean(((logits > 0) == bool(answer)).float(), counts) for logits, counts, answer in kinds]
-        return Judged(*(part[0] / 2 + (part[1] + part[2]) / 4 for part in (losses, right)))
-
-
-def _turn(episodes: int, random: bool) -> int:
-    """How far away in the batch the other instruction is."""
-    return int(torch.randint(1, episodes, ())) if random and episodes > 2 else 1
-
-
-def _cross_entropy(logits: Tensor, answer: float) -> Tensor:
-    return F.binary_cross_entropy_with_logits(logits.float(), torch.full_like(logits, answer).float(), reduction="none")
-
-
-def _mean(values: Tensor, counts: Tensor) -> Tensor:
-    """Of those that count; 0 if none does."""
-    return (values * counts).sum() / counts.sum().clamp(min=1)
+    def _value(self, plans: Tensor, history: PlannerHistory) -> Tensor:
+        """What the judge says along plans (B, n, T, A), summed, (B, n)."""
+        each = plans.shape[1]
+        start, told, now = (
+            part.repeat_interleave(each, 0) for part in (history.start, history.sentences, history.state)
+        )
+        memory = None if history.memory is None else history.memory.repeat_interleave(each, 1)
+        imagined = self.world.imagine(now, self.actions.embed(plans.flatten(0, 1)), memory)
+        done = [self.judge(start, states, told).sigmoid() for states in imagined.unbind(1)]
+        return torch.stack(done).sum(0).view(-1, each)

@@ -23,8 +23,9 @@ def planner(dropout: float = 0.0) -> LorelPlanner:
         size=2,
         width=WIDTH,
         dropout=dropout,
-        head=PlannedActions(WIDTH, torch.tensor([1.0, 1.0, 0.0]), bounds),
-        search=CrossEntropySearch(steps=3, samples=60, elites=8, rounds=3),
+        head=PlannedActions(torch.tensor([1.0, 1.0, 0.0]), bounds),
+        steps=3,
+        search=CrossEntropySearch(samples=60, elites=8, rounds=3),
     )
 
 
@@ -61,6 +62,7 @@ def test_it_does_what_it_is_told() -> None:
     history.generator = torch.Generator().manual_seed(0)
     for _ in range(STEPS):
         action = network.head.pick(network.act(history, {"x": state[:, :1], "y": state[:, 1:]}))
+        history.actions = action
         assert (action[:, 2] == 0).all()  # ignored: it stays still
         assert (action.abs() <= 1).all()
         state = state + action[:, :2]
@@ -70,14 +72,17 @@ def test_it_does_what_it_is_told() -> None:
     assert torch.equal(history.start, torch.zeros(environments, 2))  # judged from where the rollout began
 
 
-def test_the_ignored_action_changes_nothing_that_is_predicted() -> None:
+def test_the_ignored_action_changes_nothing_that_is_imagined() -> None:
     network, states = planner(), torch.randn(5, 2)
-    actions = torch.randn(5, 3)
+    actions = torch.randn(5, 4, 3)
     other = actions.clone()
-    other[:, 2] += 7
+    other[:, :, 2] += 7
 
-    assert torch.equal(network.predict(states, actions), network.predict(states, other))
-    assert not torch.equal(network.predict(states, actions), network.predict(states, actions + 1))
+    def imagined(plans: Tensor) -> Tensor:
+        return network.world.imagine(states, network.head.embed(plans), None)
+
+    assert torch.equal(imagined(actions), imagined(other))
+    assert not torch.equal(imagined(actions), imagined(actions + 1))
 
 
 def test_every_parameter_learns() -> None:
@@ -106,6 +111,6 @@ def test_what_says_nothing_is_not_judged() -> None:
     _, alike = network(same, same > 0, observations, actions, packing)
     first, last = network.state(observations)[[0, STEPS]], network.state(observations)[[STEPS - 1, 2 * STEPS - 1]]
     sentences = network.language(same, same > 0).sentence()
-    there, back = network.rewards(first, last, sentences), network.rewards(last, first, sentences)
+    there, back = network.judge(first, last, sentences), network.judge(last, first, sentences)
     expected = -(there.sigmoid().log().mean() / 2 + (1 - back.sigmoid()).log().mean() / 4)
     torch.testing.assert_close(alike.judge_loss, expected)

@@ -14,21 +14,22 @@ from lerobot_lisa.policies.baseline_configuration import BaselineConfig
 class LorelPlannerConfig(BaselineConfig):
     """LOReL (Nair et al., CoRL 2021, arXiv:2109.01115) on states: what it imagines is judged, and the best is done.
 
-    The numbers of the search are ours. Of images it would need a model that predicts them.
+    The numbers of the search are ours (docs/baselines.md says what they gain and cost). Of images it would need a model
+    that predicts them.
 
     Attributes:
         dropout: In model and judge.
-        plan_steps: How far it looks ahead, at every step.
+        plan_steps: How far it looks ahead, at every step; an episode of LOReL's tabletop has 20.
         plan_samples: Plans that each round of the search draws.
         plan_elites: The best of them, around which the next round draws.
         plan_rounds: Of the search.
     """
 
     dropout: float = 0.0
-    plan_steps: int = 10
-    plan_samples: int = 200
-    plan_elites: int = 20
-    plan_rounds: int = 3
+    plan_steps: int = 20
+    plan_samples: int = 100
+    plan_elites: int = 10
+    plan_rounds: int = 2
 
     BOUNDS: ClassVar[dict[str, tuple[float, float]]] = {
         **BaselineConfig.BOUNDS,

@@ -33,8 +33,9 @@ class LorelPlannerPolicy(BaselinePolicy):
             size=sum(prod(feature.shape) for feature in config.input_features.values()),
             width=config.dim_model,
             dropout=config.dropout,
-            head=PlannedActions(config.dim_model, action_weights(config), action_bounds),
-            search=CrossEntropySearch(config.plan_steps, config.plan_samples, config.plan_elites, config.plan_rounds),
+            head=PlannedActions(action_weights(config), action_bounds),
+            steps=config.plan_steps,
+            search=CrossEntropySearch(config.plan_samples, config.plan_elites, config.plan_rounds),
         )
 
     def frame_losses(
