@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -135,23 +136,22 @@ class LorelPlanner(SentenceNetwork):
     def act(self, history: PlannerHistory, observations: Mapping[str, Tensor]) -> Tensor:
         """Plan anew, beginning with what is left of the last plan, and take the plan's first action (B, A)."""
         now, bounds = self.state(observations), self.actions.bounds
-        middle = bounds.mean(0).expand(len(now), self.steps, -1)
-        if history.start is None or history.plan is None:
-            history.start, left = now, middle
-        else:
+        left = bounds.mean(0).expand(len(now), self.steps, -1)
+        if history.start is None:
+            history.start = now
+        if history.state is not None and history.actions is not None and history.plan is not None:
             history.memory = self.world.remember(history.state, self.actions.embed(history.actions), history.memory)
-            left = torch.cat([history.plan[:, 1:], middle[:, :1]], dim=1)
+            left = torch.cat([history.plan[:, 1:], left[:, :1]], dim=1)
         history.state, history.step = now, history.step + 1
-        history.plan = self.search(lambda plans: self._value(plans, history), bounds, left, history.generator)
+        value = partial(self._value, history.start, now, history.sentences, history.memory)
+        history.plan = self.search(value, bounds, left, history.generator)
         return history.plan[:, 0]
 
-    def _value(self, plans: Tensor, history: PlannerHistory) -> Tensor:
-        """What the judge says along plans (B, n, T, A), summed, (B, n)."""
+    def _value(self, start: Tensor, now: Tensor, told: Tensor, memory: Tensor | None, plans: Tensor) -> Tensor:
+        """The most that the judge says along plans (B, n, T, A), (B, n): done once is done."""
         each = plans.shape[1]
-        start, told, now = (
-            part.repeat_interleave(each, 0) for part in (history.start, history.sentences, history.state)
-        )
-        memory = None if history.memory is None else history.memory.repeat_interleave(each, 1)
+        start, told, now = (part.repeat_interleave(each, 0) for part in (start, told, now))
+        memory = None if memory is None else memory.repeat_interleave(each, 1)
         imagined = self.world.imagine(now, self.actions.embed(plans.flatten(0, 1)), memory)
-        done = [self.judge(start, states, told).sigmoid() for states in imagined.unbind(1)]
-        return torch.stack(done).sum(0).view(-1, each)
+        done = [self.judge(start, states, told) for states in imagined.unbind(1)]
+        return torch.stack(done).amax(0).view(-1, each)
