@@ -32,18 +32,21 @@ class MetaworldStatesConfig(EnvConfig):
     Attributes:
         task: Benchmarks (`MT10`, `MT25`, `MT50`), LeRobot's groups (`easy`, ...) and tasks, separated by commas.
         max_episode_steps: Steps after which an episode ends.
+        videos: Whether whoever asks for a picture gets one. `lerobot-eval` asks at every step of ten episodes of each
+            task; false: its videos are black, and cost nothing.
     """
 
     task: str = "reach-v3"
     fps: int = MetaworldEnv.fps
     max_episode_steps: int = _MOST_STEPS
+    videos: bool = True
     features: dict[str, PolicyFeature] = field(default_factory=_features)
     features_map: dict[str, str] = field(default_factory=lambda: {"agent_pos": OBS_STATE, ACTION: ACTION})
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
         """The options that every environment is built with."""
-        return {"max_episode_steps": self.max_episode_steps}
+        return {"max_episode_steps": self.max_episode_steps, "videos": self.videos}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
         """Prepare a vectorised environment for every task, built at its first use.

@@ -52,6 +52,17 @@ def test_the_same_starts_steps_and_success_and_nothing_is_drawn(
     env.close()
 
 
+def test_black_videos_cost_nothing() -> None:
+    """`lerobot-eval` draws each step of ten episodes of a task, and has no option against it."""
+    (env,) = MetaworldStatesConfig(task=TASK, videos=False).create_envs(1)[TASK].values()
+    env.reset(seed=[SEED])
+    (picture,) = env.call("render")
+    assert picture.shape == (64, 64, 3)
+    assert not picture.any()
+    assert env.envs[0].unwrapped._env.mujoco_renderer._viewers == {}
+    env.close()
+
+
 @pytest.mark.slow
 def test_states_are_those_that_lerobots_environment_shows() -> None:
     try:
