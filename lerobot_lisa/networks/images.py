@@ -21,11 +21,11 @@ class ImageEncoder(nn.Module):
         super().__init__()
         self.convolutions = nn.Sequential(
             nn.Conv2d(channels, 32, 5, stride=4, padding=2),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             nn.Conv2d(32, 64, 3, stride=2, padding=1),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             nn.Conv2d(64, 64, 3, stride=2, padding=1),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             nn.AdaptiveAvgPool2d(4),
         )
         self.output = nn.Linear(64 * 16, width)
@@ -91,5 +91,5 @@ class PatchParts(nn.Module):
 
 def _unit_range(images: Tensor) -> Tensor:
     """Real numbers in 0..1 with channels last in memory, which convolutions take half again as fast on a CPU."""
-    real = images.float() / 255 if images.dtype == torch.uint8 else images.float()
-    return real.contiguous(memory_format=torch.channels_last)
+    images = images.contiguous(memory_format=torch.channels_last)  # bytes first: a quarter of what real numbers take
+    return images.float().div_(255) if images.dtype == torch.uint8 else images.float()
