@@ -31,8 +31,9 @@ from lerobot_lisa.policies.fine_tuning import at_saved_size
 from lerobot_lisa.policies.instructions import InstructionReader, given_tokens, told_apart_by
 from lerobot_lisa.policies.known_losses import KnownLosses, Losses, rows_of, state_of
 from lerobot_lisa.policies.model_card import make_model_card
+from lerobot_lisa.policies.shown_pictures import ShownPictures
 from lerobot_lisa.policies.step_randomness import drawing_from
-from lerobot_lisa.policies.training_frames import TrainingFrames, small
+from lerobot_lisa.policies.training_frames import TrainingFrames
 from lerobot_lisa.policies.vision import make_backbone
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class EpisodePolicy(PreTrainedPolicy):
         self.eyes = backbone if isinstance(backbone, FrozenBackbone) else None
         self.frames = TrainingFrames(config, dataset_stats, dataset_meta, self.eyes)
         self.network = self.make_network(self.frames.action_bounds.clone(), backbone)
-        self.instructions = InstructionReader(config)
+        self.instructions, self._pictures = InstructionReader(config), ShownPictures(config)
         config.pretrained_backbone_weights = None  # from here on the checkpoint brings them, without a download
         self._symmetries = find_symmetries(config, dataset_meta.features) if dataset_meta and config.augment else None
         self._known_losses = KnownLosses()
@@ -277,11 +278,11 @@ class EpisodePolicy(PreTrainedPolicy):
                     f"`{key}` has shape {shape}, but the policy takes {(count, *feature.shape)}, a row for each "
                     "instruction: add the batch dimension, or choose the world it was trained in"
                 )
-        return {key: self._looked_at(batch[key], feature) for key, feature in wanted.items()}
+        return {key: self._looked_at(key, batch[key], feature) for key, feature in wanted.items()}
 
-    def _looked_at(self, value: Tensor, feature: PolicyFeature) -> Tensor:
-        """Small pictures, or what a frozen backbone says of them; everything else as it is."""
-        value = small(self.config, value, feature)
+    def _looked_at(self, key: str, value: Tensor, feature: PolicyFeature) -> Tensor:
+        """Pictures of the trained size, or what a frozen backbone says of them; everything else as it is."""
+        value = self._pictures.as_trained(key, value, feature)
         return value if self.eyes is None or feature.type is not FeatureType.VISUAL else self.eyes(value)
 
     def _begin(self, tokens: Tensor, valid: Tensor) -> None:

@@ -4,7 +4,9 @@ import logging
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.utils.constants import ACTION
+from lerobot.utils.feature_utils import dataset_to_policy_features
 
 from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.runs import task_runs
@@ -38,6 +40,8 @@ def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> 
     longest, goes_on = int(task_runs(meta).lengths.max()), bool(config.pretrained_path)
     _keep_still(meta.stats or {}, [key for key in named if key not in meta.camera_keys])
     config.set_dataset_statistics(meta.stats, longest)
+    if goes_on:
+        _learn_picture_sizes(config, meta)
     if goes_on and config.max_timesteps is not None:
         config.max_timesteps = max(config.max_timesteps, longest)
     tasks = [str(task) for task in meta.tasks.index]
@@ -56,6 +60,13 @@ def _keep_still(stats: dict[str, dict[str, Any]], keys: list[str]) -> None:
     for numbers in (stats[key] for key in keys if {"min", "max", "std"} <= stats.get(key, {}).keys()):
         still = np.asarray(numbers["min"]) == np.asarray(numbers["max"])
         numbers["std"] = np.where(still, 1.0, np.asarray(numbers["std"]))
+
+
+def _learn_picture_sizes(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
+    """Those of the cameras that it is trained on now: rollouts show pictures as large as in training."""
+    features, theirs = config.input_features or {}, dataset_to_policy_features(meta.features)
+    for key in set(meta.camera_keys) & features.keys():
+        features[key] = PolicyFeature(FeatureType.VISUAL, tuple(theirs[key].shape))
 
 
 def _learn_words(config: EpisodePolicyConfig, tasks: list[str]) -> None:

@@ -14,7 +14,6 @@ from torch import Tensor
 from lerobot_lisa.episodes.features_on_disk import Looker
 from lerobot_lisa.episodes.load import load_episodes
 from lerobot_lisa.episodes.picture_transforms import PictureTransforms
-from lerobot_lisa.episodes.pictures import resize
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.networks.backbones import FrozenBackbone
@@ -23,6 +22,7 @@ from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import Stats, make_normalizer, saved_step
 from lerobot_lisa.policies.renaming import renamed_features
+from lerobot_lisa.policies.shown_pictures import ShownPictures
 from lerobot_lisa.policies.step_randomness import drawing_from
 
 if TYPE_CHECKING:
@@ -117,9 +117,17 @@ class TrainingFrames:
         return frames
 
     def scaled(self, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """What the preprocessor does to observations and actions in a rollout, done to stored ones."""
+        """What the preprocessor does to observations and actions in a rollout, done to stored ones.
+
+        Pictures that nothing is done to stay bytes, a quarter of the memory, until an encoder makes numbers of them.
+        """
+        bytes_too = self.config.is_scaled(FeatureType.VISUAL)
         features = self.config.input_features or {}
-        observations = {key: _as_real(value, features.get(key)) for key, value in frames.items() if key != ACTION}
+        observations = {
+            key: value if key in self._cameras and not bytes_too else _as_real(value, features.get(key))
+            for key, value in frames.items()
+            if key != ACTION
+        }
         actions = frames[ACTION] if self.config.action_classes else frames[ACTION].float()
         scaled = self._normalize({TransitionKey.OBSERVATION: observations, TransitionKey.ACTION: actions})
         return {**scaled[TransitionKey.OBSERVATION], ACTION: scaled[TransitionKey.ACTION]}
@@ -191,8 +199,8 @@ class TrainingFrames:
     ) -> str | None:
         """Which of the dataset's features of one shape a batch has under the name `key`; None if it cannot be said."""
         stored = load_episodes(dataset, names, "memory", self.config.image_size).frames(batch["index"].cpu())
-        feature, shown = (self.config.input_features or {})[key], batch[key].cpu()
-        shown = _as_real(small(self.config, shown, feature), feature).float()
+        feature = (self.config.input_features or {})[key]
+        shown = _as_real(ShownPictures(self.config).as_trained(key, batch[key].cpu(), feature), feature).float()
         apart = {}
         for name in names:
             scaled = self._normalize({TransitionKey.OBSERVATION: {key: _as_real(stored[name], feature)}})
@@ -206,15 +214,6 @@ class TrainingFrames:
             return torch.tensor([[-1.0], [1.0]]).expand(2, size).clone()
         bounds = torch.stack([torch.as_tensor(stats[ACTION][name]).float().view(size) for name in ("min", "max")])
         return self.scaled({ACTION: bounds})[ACTION].cpu()
-
-
-def small(config: EpisodePolicyConfig, value: Tensor, feature: PolicyFeature) -> Tensor:
-    """Pictures as they wait in the episode store; everything else as it is."""
-    size = config.image_size
-    if feature.type is not FeatureType.VISUAL or size is None or max(value.shape[-2:]) <= size:
-        return value
-    # Pictures that the preprocessor scales were small in training (`validate_features`): no bytes any more.
-    return value if config.is_scaled(FeatureType.VISUAL) else resize(value, size)
 
 
 def _as_real(stored: Tensor, feature: PolicyFeature | None) -> Tensor:

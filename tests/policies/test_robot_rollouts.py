@@ -81,6 +81,22 @@ def test_no_task_is_said_once(
     assert capsys.readouterr().err.count("the instruction is blank: say what is to be done, such as with --task") == 1
 
 
+def test_wider_pictures_than_the_recorded_ones_are_said_once(
+    recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    handlers: None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    size = ["--robot.height=54", "--robot.width=96"]
+    lerobot_rollout(trained("lang_dt", recording), tmp_path, monkeypatch, "--task=go", "--duration=1", *size)
+
+    said = capsys.readouterr().err
+    for camera in CAMERAS:
+        assert said.count(f"`observation.images.{camera}` shows pictures of 54 x 96 pixels") == 1
+    assert len(ScriptedRobot.sent) >= 2
+
+
 def test_a_broken_sensor_moves_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, handlers: None
 ) -> None:
