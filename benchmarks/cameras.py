@@ -1,7 +1,8 @@
-"""A training step on a robot's recordings (two cameras, long episodes) against ACT's, and how long acting takes.
+"""A training step on a robot's recordings (two cameras, long episodes) against LeRobot's policies, and acting.
 
-Each figure is from a process of its own, since what a step has needed of memory at most never goes down again. ACT gets
-pictures as its loader would hand them over, without the time for decoding them; ours are in the episode store.
+Each figure is from a process of its own, since what a step has needed of memory at most never goes down again.
+LeRobot's policies get pictures as its loader would hand them over, without the time for decoding them; ours are in the
+episode store. multi_task_dit is there where `diffusers` is installed; VQ-BeT is not, since it takes one camera only.
 """
 
 import argparse
@@ -10,18 +11,27 @@ import resource
 import statistics
 import subprocess
 import sys
+from collections.abc import Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot.policies.multi_task_dit.configuration_multi_task_dit import MultiTaskDiTConfig
+from lerobot.policies.multi_task_dit.modeling_multi_task_dit import MultiTaskDiTPolicy
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TOKENS, OBS_STATE
 from torch import Tensor
+from transformers import CLIPVisionConfig, CLIPVisionModel
 
-from benchmarks.measuring import Seconds, measure, middle
+from benchmarks.measuring import Seconds, measure
 from benchmarks.policies import CONFIGS, NAMES
+from benchmarks.small_clip import save_small_clip
 from benchmarks.table import Aim, Row
 from lerobot_lisa.episodes.pictures import resized_shape
 from lerobot_lisa.episodes.store import EpisodeStore
@@ -34,16 +44,21 @@ CAMERAS = ("observation.images.top", "observation.images.wrist")
 LENGTHS = (100, 300, 1000)
 STEPS = 300  # of acting
 POLICIES = {"lisa": LisaPolicy, "lang_dt": LangDTPolicy}
+FROZEN = {"vision_backbone": "resnet18", "freeze_vision_backbone": True, "image_size": 224}  # without weights
+OURS = {**NAMES, **{f"{kind} frozen": f"{name}, a frozen ResNet-18's features kept" for kind, name in NAMES.items()}}
+DIT = "multi_task_dit"
+OTHERS = {"act": "ACT", DIT: f"{DIT} with CLIP ViT-B/16, four times a quarter of the batch"}
 
 
 def rows(options: argparse.Namespace) -> list[Row]:
-    act = _in_a_process("act", 0, options)
+    others = {kind: _in_a_process(kind, 0, options) for kind in OTHERS if kind != DIT or find_spec("diffusers")}
     found = []
-    for kind in NAMES:
+    for kind in OURS:
         ours = {length: _in_a_process(kind, length, options) for length in LENGTHS}
-        found += [_against_act(kind, length, ours[length], act) for length in LENGTHS]
-        found += [_flat(kind, ours), _acting(kind, _in_a_process(kind, 0, options))]
-    return found
+        found += [_against("act", kind, length, ours[length], others["act"]) for length in LENGTHS]
+        found += [_against(DIT, kind, LENGTHS[-1], ours[LENGTHS[-1]], others[DIT])] if DIT in others else []
+        found.append(_flat(kind, ours))
+    return found + [_acting(kind, _in_a_process(kind, 0, options)) for kind in NAMES]
 
 
 def _in_a_process(kind: str, length: int, options: argparse.Namespace) -> dict[str, float]:
@@ -59,16 +74,16 @@ def _in_a_process(kind: str, length: int, options: argparse.Namespace) -> dict[s
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
 
 
-def _against_act(kind: str, length: int, ours: dict[str, float], act: dict[str, float]) -> Row:
+def _against(other: str, kind: str, length: int, ours: dict[str, float], theirs: dict[str, float]) -> Row:
     return Row(
-        f"a step on {BATCH_SIZE} frames of two cameras, {HEIGHT} x {WIDTH}, {NAMES[kind]}, episodes of {length}",
-        "ACT",
+        f"a step on {BATCH_SIZE} frames of two cameras, {HEIGHT} x {WIDTH}, {OURS[kind]}, episodes of {length}",
+        OTHERS[other],
         Aim("at least", 1),
-        act["cpu"] / ours["cpu"],
-        act["wall"] / ours["wall"],
+        theirs["cpu"] / ours["cpu"],
+        theirs["wall"] / ours["wall"],
         f"{ours['cpu']:.3g} CPU-s, {ours['peak']:.3g} GB",
-        f"{act['cpu']:.3g} CPU-s, {act['peak']:.3g} GB",
-        {"ACT's memory / ours": act["peak"] / ours["peak"]},
+        f"{theirs['cpu']:.3g} CPU-s, {theirs['peak']:.3g} GB",
+        {"its memory / ours": theirs["peak"] / ours["peak"]},
     )
 
 
@@ -76,7 +91,7 @@ def _flat(kind: str, ours: dict[int, dict[str, float]]) -> Row:
     # An episode of 100 steps is shorter than an excerpt with all that is before it.
     _, short, long = (ours[length] for length in LENGTHS)
     return Row(
-        f"a step on episodes of {LENGTHS[2]} frames, {NAMES[kind]}",
+        f"a step on episodes of {LENGTHS[2]} frames, {OURS[kind]}",
         f"of {LENGTHS[1]}",
         Aim("at most", 1.1),
         long["cpu"] / short["cpu"],
@@ -109,8 +124,10 @@ def _features() -> dict[str, Any]:
 
 
 def _policy(kind: str, length: int) -> EpisodePolicy:
+    kind, *frozen = kind.split()
     config = CONFIGS[kind](
         **_features(),
+        **(FROZEN if frozen else {}),
         language_encoder="words",
         vocabulary=["put", "the", "cube", "into", "bowl"],
         action_classes=0,
@@ -124,13 +141,19 @@ def _policy(kind: str, length: int) -> EpisodePolicy:
     return policy
 
 
-def _store(length: int, size: int | None) -> EpisodeStore:
-    """Episodes whose pictures are random, of which the same hundred come again and again."""
-    frames, shape = BATCH_SIZE * length, (3, *resized_shape(HEIGHT, WIDTH, size))
-    pictures = torch.randint(0, 256, (100, *shape), dtype=torch.uint8).repeat(frames // 100, 1, 1, 1)
+def _store(length: int, seen: tuple[int, ...], dtype: torch.dtype) -> EpisodeStore:
+    """Episodes whose pictures, or features of them, are random, of which the same hundred come again and again."""
+    frames = BATCH_SIZE * length
+    pictures = torch.randint(0, 256, (100, *seen)).to(dtype).repeat(frames // 100, *[1] * len(seen))
     joints = {key: torch.randn(frames, JOINTS) for key in (OBS_STATE, ACTION)}
     starts = torch.arange(BATCH_SIZE) * length
     return EpisodeStore({**joints, **dict.fromkeys(CAMERAS, pictures)}, starts, torch.full((BATCH_SIZE,), length))
+
+
+def _store_for(policy: EpisodePolicy, length: int) -> EpisodeStore:
+    if policy.eyes is not None:
+        return _store(length, policy.eyes.shape, torch.float32)
+    return _store(length, (3, *resized_shape(HEIGHT, WIDTH, policy.config.image_size)), torch.uint8)
 
 
 def _words(rows: int) -> dict[str, Tensor]:
@@ -140,37 +163,71 @@ def _words(rows: int) -> dict[str, Tensor]:
 
 def _train_ours(kind: str, length: int, repeats: int) -> dict[str, float]:
     policy = _policy(kind, length).train()
-    policy.frames.store = _store(length, policy.config.image_size)
-    middles = torch.arange(BATCH_SIZE) * length + length // 2
-    return _train(policy, {**_words(BATCH_SIZE), "index": middles}, repeats)
+    policy.frames.store = _store_for(policy, length)
+    return _train(policy, [{**_words(BATCH_SIZE), "index": index} for index in _drawn(length, repeats)])
 
 
-def _train_act(repeats: int) -> dict[str, float]:
+def _drawn(length: int, repeats: int) -> list[Tensor]:
+    """A frame of each episode for each step, together evenly from the beginning to the end, as the loader draws."""
+    starts, places = torch.arange(BATCH_SIZE) * length, (torch.arange(BATCH_SIZE * repeats) + 0.5) / BATCH_SIZE
+    return [starts + (places[step::repeats] * length / repeats).long() for step in range(repeats)]
+
+
+def _train_act() -> dict[str, float]:
     config = ACTConfig(**_features(), pretrained_backbone_weights=None, device="cpu", push_to_hub=False)
     pictures = {key: torch.rand(BATCH_SIZE, 3, HEIGHT, WIDTH) for key in CAMERAS}
     actions = torch.randn(BATCH_SIZE, config.chunk_size, JOINTS)
     padding = torch.zeros(BATCH_SIZE, config.chunk_size, dtype=torch.bool)
     batch = {**pictures, OBS_STATE: torch.randn(BATCH_SIZE, JOINTS), ACTION: actions, "action_is_pad": padding}
-    return _train(ACTPolicy(config).train(), batch, repeats)
+    return _train(ACTPolicy(config).train(), [batch])
 
 
-def _train(policy: PreTrainedPolicy, batch: dict[str, Any], repeats: int) -> dict[str, float]:
-    before, optimizer = _peak(), torch.optim.Adam(policy.parameters(), 1e-4)
+def _train_dit() -> dict[str, float]:
+    """LeRobot's multi_task_dit with its own settings; CLIP has no trained weights, and a small half that reads.
 
-    def step() -> None:
+    A quarter of the batch, since the whole one needs more than 10 GB; a whole one takes four times as long, and its
+    memory is not known.
+    """
+    with TemporaryDirectory() as folder:
+        save_small_clip(Path(folder) / "clip", ["put the cube into the bowl"])
+        CLIPVisionModel(CLIPVisionConfig(patch_size=16)).save_pretrained(Path(folder) / "clip_vision")
+        config = MultiTaskDiTConfig(
+            **_features(),
+            text_encoder_name=f"{folder}/clip",
+            vision_encoder_name=f"{folder}/clip_vision",
+            device="cpu",
+            push_to_hub=False,
+        )
+        policy = MultiTaskDiTPolicy(config).train()
+    rows = BATCH_SIZE // 4
+    seen = (rows, config.n_obs_steps)
+    pictures = {key: torch.rand(*seen, 3, HEIGHT, WIDTH) for key in CAMERAS}
+    numbers = {OBS_STATE: torch.randn(*seen, JOINTS), ACTION: torch.randn(rows, config.horizon, JOINTS)}
+    padding = torch.zeros(rows, config.horizon, dtype=torch.bool)
+    figures = _train(policy, [{**_words(rows), **pictures, **numbers, "action_is_pad": padding}])
+    return {"cpu": 4 * figures["cpu"], "wall": 4 * figures["wall"], "peak": figures["peak"]}
+
+
+def _train(policy: PreTrainedPolicy, batches: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Means over the steps: they differ where episodes are cut in different places."""
+    parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+    before, optimizer = _peak(), torch.optim.Adam(parameters, 1e-4)
+
+    def step(batch: dict[str, Any]) -> None:
         optimizer.zero_grad()
         policy.forward(batch)[0].backward()
         optimizer.step()
 
-    step()
-    times = middle([measure(step) for _ in range(repeats)])
-    return {"cpu": times.cpu, "wall": times.wall, "peak": _peak() - before}
+    step(batches[0])
+    times = [measure(partial(step, batch)) for batch in batches]
+    cpu, wall = (statistics.mean(clock) for clock in zip(*times, strict=True))
+    return {"cpu": cpu, "wall": wall, "peak": _peak() - before}
 
 
 def _act(kind: str) -> dict[str, float]:
     policy = _policy(kind, 0).eval()
     if kind == "lisa":
-        policy.frames.store = _store(100, policy.config.image_size)
+        policy.frames.store = _store_for(policy, 100)
         policy.train().forward({**_words(BATCH_SIZE), "index": torch.arange(BATCH_SIZE) * 100})  # places the codes
     picture, times = torch.rand(1, 3, HEIGHT, WIDTH), []
     for _ in range(STEPS):
@@ -188,8 +245,15 @@ def _peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
+def _measured(kind: str, length: int, repeats: int) -> dict[str, float]:
+    if kind == "act":
+        return _train_act()
+    if kind == DIT:
+        return _train_dit()
+    return _train_ours(kind, length, repeats) if length else _act(kind)
+
+
 if __name__ == "__main__":
     kind, length, repeats, threads = sys.argv[1], *map(int, sys.argv[2:])
     torch.set_num_threads(threads)
-    figures = _train_act(repeats) if kind == "act" else _train_ours(kind, length, repeats) if length else _act(kind)
-    print(json.dumps(figures))
+    print(json.dumps(_measured(kind, length, repeats)))
