@@ -11,6 +11,7 @@ from lerobot.utils.feature_utils import dataset_to_policy_features
 from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.episodes.symmetries import symmetry_words
+from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import (
     InstructionStep,
@@ -35,6 +36,7 @@ def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> 
     Raises:
         UserError: The dataset is broken, or does not fit what the configuration says.
     """
+    _check_features(config, meta)
     named = (*(config.input_features or {}), ACTION)  # `--rename_map` gives some other names than the dataset's
     check_metadata(meta, [key for key in named if key in meta.features])
     longest, goes_on = int(task_runs(meta).lengths.max()), bool(config.pretrained_path)
@@ -45,10 +47,28 @@ def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> 
     if goes_on and config.max_timesteps is not None:
         config.max_timesteps = max(config.max_timesteps, longest)
     tasks = [str(task) for task in meta.tasks.index]
+    if any(not task.strip() for task in tasks):
+        logging.warning("%s: an instruction is blank: its episodes are learned from without words", meta.root)
     if config.language_encoder == WORDS and (goes_on or not config.vocabulary):
         _learn_words(config, tasks)
     if goes_on or not config.lexicon:
         _learn_phrases(config, tasks, symmetry_words(meta.features))
+
+
+def _check_features(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> None:
+    """Those of a checkpoint, or chosen by hand, may be others than the dataset has under the same names."""
+    theirs = dataset_to_policy_features(meta.features)
+    for key, feature in (config.input_features or {}).items():
+        if meta.features.get(key, {}).get("dtype") == "string":
+            raise UserError(f"`{key}` is text, which no policy here sees: leave it out of --policy.input_features")
+        ours, given = (tuple(known[key].shape) if key in known else None for known in (config.input_features, theirs))
+        if feature.type is FeatureType.VISUAL and ours and given:
+            ours, given = ours[:1], given[:1]  # a camera may have other pixels, but no other colors
+        if given is not None and ours != given:
+            raise UserError(
+                f"`{key}` has shape {given} in {meta.root}, but the policy takes {ours}: take recordings of the same "
+                "kind, or train a new policy, without --policy.path"
+            )
 
 
 def _keep_still(stats: dict[str, dict[str, Any]], keys: list[str]) -> None:

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from lerobot.configs import FeatureType
+from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from tiny_policies import Training, config, training
+
+from lerobot_lisa.errors import UserError
 
 BOTH = pytest.mark.parametrize("kind", ["lisa", "lang_dt"])
 LENGTH = 12
@@ -133,3 +135,39 @@ def test_a_rate_for_what_starts_from_nothing(kind: str, pictures: Path, continuo
     papers = {group["name"]: group["lr"] for group in training(kind, continuous).policy.get_optim_params()}
     assert papers["policy"] == 1e-4
     assert papers.get("skill_predictor", 1e-5) == 1e-5
+
+
+def recorded(root: Path, features: dict[str, dict[str, Any]], frame: dict[str, Any]) -> Path:
+    """By LeRobot's own recorder: an episode of three equal frames."""
+    dataset = LeRobotDataset.create("local/tiny", 10, features, root=root, use_videos=False)
+    for _ in range(3):
+        dataset.add_frame(dict(frame))  # which it empties
+    dataset.save_episode()
+    dataset.finalize()
+    return root
+
+
+JOINTS = {"dtype": "float32", "shape": (2,), "names": ["a", "b"]}
+
+
+def test_notes_that_were_recorded_are_left_out(tmp_path: Path) -> None:
+    """LeRobot takes every `observation.*` for a state."""
+    note = {"dtype": "string", "shape": (1,), "names": None}
+    joints = np.zeros(2, np.float32)
+    frame = {"observation.state": joints, "observation.note": "cold", "action": joints, "task": "go"}
+    root = recorded(tmp_path / "data", {"observation.state": JOINTS, "observation.note": note, "action": JOINTS}, frame)
+
+    with pytest.raises(UserError, match=r"`observation\.note` is text, which no policy here sees: leave it out of"):
+        training("lisa", root)
+
+    seen = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
+    assert training("lang_dt", root, input_features=seen).warm_up().policy.config.input_features == seen
+
+
+def test_a_blank_instruction_is_learned_from_and_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    joints = np.zeros(2, np.float32)
+    frame = {"observation.state": joints, "action": joints, "task": " "}
+    with caplog.at_level("WARNING"):
+        training("lisa", recorded(tmp_path / "data", {"observation.state": JOINTS, "action": JOINTS}, frame)).warm_up()
+
+    assert [line for line in caplog.messages if "an instruction is blank" in line]

@@ -110,6 +110,17 @@ def test_what_cannot_fit_is_one_line(continuous: Path, symbolic: Path, tmp_path:
         FineTuning(checkpoint, symbolic)
 
 
+def test_other_joints_under_the_same_name_are_one_line(continuous: Path, tmp_path: Path) -> None:
+    checkpoint = save(training("lisa", continuous).warm_up(), tmp_path / "before")
+    features = {"observation.state": {**tiny_datasets.STATE, "shape": (2,), "names": ["x", "y"]}}
+    other = tiny_datasets.write(tmp_path / "data", {**features, "action": tiny_datasets.MOVE})
+
+    with pytest.raises(
+        UserError, match=r"`observation\.state` has shape \(2,\) in .*, but the policy takes \(3,\): take"
+    ):
+        FineTuning(checkpoint, other)
+
+
 def test_two_cameras_of_one_shape_are_told_apart_by_what_they_show(tmp_path: Path) -> None:
     """`--rename_map` in LeRobot's textbook case: nothing but the batch shows which camera became which."""
     top, wrist = "observation.images.top", "observation.images.wrist"
