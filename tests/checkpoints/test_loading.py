@@ -45,6 +45,20 @@ def test_the_policy_acts_as_lerobots(settings: dict[str, bool], symbolic: Path, 
         )
 
 
+def test_loading_warns_of_no_words_that_nobody_has_said(
+    symbolic: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A policy is tried on an instruction before it is trusted."""
+    folder = tiny_checkpoints.lisa(symbolic, tmp_path / "lisa")
+    config = load_config(str(folder))
+    assert "red" in config.vocabulary
+    config.vocabulary = ["lift" if word == "red" else word for word in config.vocabulary]
+
+    load_checkpoint(config)
+
+    assert not [line for line in caplog.messages if "no training instruction has" in line]
+
+
 def test_the_pages_snippet(lisa: Path) -> None:
     (snippet,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     found: dict[str, Any] = {}
