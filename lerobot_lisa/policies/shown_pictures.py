@@ -26,12 +26,13 @@ class ShownPictures:
             return value
         height, width = feature.shape[-2:]
         trained = resized_shape(height, width, self._config.image_size)
-        shown = with_longer_side(*value.shape[-2:], max(trained))
-        if shown != trained or max(value.shape[-2:]) < max(trained):
-            self._warn(key, tuple(value.shape[-2:]), (height, width), shown, trained)
+        given = (value.shape[-2], value.shape[-1])
+        shown = with_longer_side(*given, max(trained))
+        if shown != trained or max(given) < max(trained):
+            self._warn(key, given, (height, width), shown, trained)
         return to_shape(value, shown, as_numbers=self._config.is_scaled(FeatureType.VISUAL))
 
-    def _warn(self, key: str, given: tuple[int, ...], recorded: tuple[int, int], *made: tuple[int, int]) -> None:
+    def _warn(self, key: str, given: tuple[int, int], recorded: tuple[int, int], *made: tuple[int, int]) -> None:
         if key in self._warned:
             return
         self._warned.add(key)

@@ -29,7 +29,7 @@ def trained(request: pytest.FixtureRequest, pictures: Path) -> Training:
 def seen(trained: Training, episodes: list[int]) -> tuple[list[Tensor], dict[str, Tensor]]:
     """Pictures of each episode, and all frames, as the policy gets them."""
     frames, packing = trained.policy.gather(trained.batch(trained.first_frames(episodes)))
-    return list(frames[CAMERA].split(packing.lengths.tolist())), frames
+    return list((frames[CAMERA] / 255).split(packing.lengths.tolist())), frames
 
 
 def test_training_sees_each_episode_in_a_light_of_its_own(trained: Training) -> None:
