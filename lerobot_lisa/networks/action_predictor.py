@@ -57,27 +57,37 @@ class ActionPredictor(nn.Module):
         )
         return memory
 
-    def step(self, memory: Memory, step: int, seen: Tensor, previous_actions: Tensor | None) -> Tensor:
+    def begin_anew(self, memory: Memory, prefix: Tensor, who: Tensor) -> None:
+        """Let some of the batch (B,) begin another sequence, with its prefix of (B, M, D)."""
+        memory.begin_anew(who)
+        order = after_prefix(prefix.shape[1], torch.arange(0, device=prefix.device))
+        self.transformer(prefix, order, who[:, None].expand(prefix.shape[:2]), memory=memory)
+
+    def step(
+        self, memory: Memory, step: int, seen: Tensor, previous_actions: Tensor | None, since: Tensor | None = None
+    ) -> Tensor:
         """Predict the action of one more step.
 
         Args:
             memory: From `begin`.
-            step: Counted from the sequence's start.
+            step: Counted from the rollout's start.
             seen: This step's observation, embedded, (B, D).
-            previous_actions: Actions (B, A) of the step before; None at the sequence's start.
+            previous_actions: Actions (B, A) of the step before; None where all sequences start.
+            since: (B,) steps since each sequence's start; None: `step`, for all.
 
         Returns:
             The head's predictions (B, ...).
         """
-        when = torch.tensor([step], device=seen.device)
-        tokens = [seen + self.timesteps(when)]
+        when = torch.tensor([step], device=seen.device) if since is None else since
+        tokens, valid = [seen + self.timesteps(when)], None
         order = [2 * step]
         if previous_actions is not None:
-            tokens.insert(0, self.head.embed(previous_actions) + self.timesteps(when - 1))
+            tokens.insert(0, self.head.embed(previous_actions) + self.timesteps((when - 1).clamp(min=0)))
             order.insert(0, 2 * step - 1)
+            valid = torch.stack([when > 0, when >= 0], dim=1).expand(len(seen), 2)
         newest = torch.tensor([len(tokens) - 1], device=when.device)
         stacked = torch.stack(tokens, dim=1)
-        out = self.transformer(stacked, torch.tensor(order, device=when.device), rows=newest, memory=memory)
+        out = self.transformer(stacked, torch.tensor(order, device=when.device), valid, newest, memory)
         return self.head(out[:, 0])
 
 

@@ -53,7 +53,12 @@ class Packing:
     @cached_property
     def steps(self) -> Tensor:
         """(N,) each row's position in its own sequence."""
-        return self._steps_cpu.to(self.device)
+        return self.steps_cpu.to(self.device)
+
+    @cached_property
+    def steps_cpu(self) -> Tensor:
+        """The same on the CPU."""
+        return self._steps_cpu
 
     @cached_property
     def sequence(self) -> Tensor:
@@ -83,9 +88,9 @@ class Packing:
         return (first[part.sequence] + part.steps).to(self.device)
 
     def mean(self, rows: Tensor) -> Tensor:
-        """Mean over each sequence: (N,) -> (B,)."""
-        sums = rows.new_zeros(len(self.lengths)).index_add(0, self.sequence, rows)
-        return sums / self.lengths.to(self.device)
+        """Mean over each sequence: (N, ...) -> (B, ...)."""
+        sums = rows.new_zeros(len(self.lengths), *rows.shape[1:]).index_add(0, self.sequence, rows)
+        return sums / self.lengths.to(self.device).view(-1, *[1] * (rows.ndim - 1))
 
     def split(self, horizon: int) -> "Packing":
         """The same rows as chunks of `horizon`, counted from each sequence's start; its last chunk may be shorter."""

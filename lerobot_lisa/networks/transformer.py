@@ -51,10 +51,20 @@ class Memory:
         """Drop what token `newest` cannot see, once that is half of everything."""
         if self.window is None or self.order is None or self.valid is None:
             return
-        seen = (self.order == PREFIX) | (self.order > newest - self.window)
-        if 2 * int(seen.sum()) > self.length:
+        self._keep((self.order == PREFIX) | (self.order > newest - self.window))
+
+    def begin_anew(self, who: Tensor) -> None:
+        """Let some of the batch (B,) forget everything; drop what nobody remembers, once that is half of everything."""
+        if self.order is None or self.valid is None:
             return
-        kept = seen.nonzero()[:, 0]
+        self.valid = self.valid & ~who[:, None]
+        self._keep(self.valid.any(0))
+
+    def _keep(self, wanted: Tensor) -> None:
+        """Drop tokens that are not wanted (L,), once they are half of all."""
+        if self.order is None or self.valid is None or 2 * int(wanted.sum()) > self.length:
+            return
+        kept = wanted.nonzero()[:, 0]
         self.order, self.valid, self.length = self.order[kept], self.valid[:, kept], len(kept)
         self._keys_values = [None if buffer is None else buffer[..., kept, :] for buffer in self._keys_values]
 

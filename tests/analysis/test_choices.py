@@ -11,7 +11,7 @@ from lerobot_lisa.analysis.drawing import styled
 from lerobot_lisa.analysis.material import Material
 from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.skills import answers
-from lerobot_lisa.analysis.skills.choices import Choices, actions_by_code, choices, over_time, transitions
+from lerobot_lisa.analysis.skills.choices import Choices, actions_by_code, begun, choices, over_time, transitions
 from lerobot_lisa.analysis.training_data import TrainingData
 
 HORIZON, SIZE = 2, 4
@@ -43,6 +43,16 @@ def test_one_choice_for_each_chunk(made: Choices) -> None:
     assert made.dead == [3]
     assert made.used.tolist() == [[1, 0, 1, 0], [0, 1, 1, 0]]
     assert made.first.tolist() == [[0, 0, 1, 0], [0, 0, 1, 0]]
+
+
+def test_skills_are_counted_where_they_begin(trace: Trace, made: Choices) -> None:
+    """With learned termination a code that is said again goes on, until its horizon at most."""
+    assert begun(made, 1) == 5
+    assert begun(made, 2) == 4
+    often = replace(trace, origin={"policy": {"horizon": 2, "termination_stride": 1, "codebook_size": SIZE}})
+    assert often.question_stride == 1
+    assert begun(choices(often), 2) == 5
+    assert begun(choices(often), 4) == 4
 
 
 def test_perplexity_is_two_to_the_entropy(made: Choices) -> None:

@@ -1,5 +1,6 @@
 """`lisa-report` itself on tiny checkpoints: what it writes, what it does again, what it refuses."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -120,6 +121,23 @@ def test_of_many_codes_those_that_were_used_are_told(
     assert {path.stem for path in (tmp_path / "out" / "figures").glob("skill_[0-9]*.png")} == {
         f"skill_{code:03d}" for code in chosen.index
     }
+
+
+def test_skills_that_end_before_their_horizon(
+    symbolic: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = tiny_checkpoints.lisa(symbolic, tmp_path / "lisa", horizon=4, termination_stride=1)
+    assert run(monkeypatch, policy, tmp_path / "out", "--listening=false") == 0
+    steps = pd.read_parquet(tmp_path / "out" / "trace" / STEPS_FILE).set_index(["episode", "step"])
+    for example in frames.read(tmp_path / "out" / "trace"):
+        followed = steps.loc[example.episode]["code"]
+        assert (followed.loc[example.step : example.step + len(example.frames) - 2] == example.code).all()
+        assert len(example.frames) <= 4 + 1
+    usage = pd.read_csv(tmp_path / "out" / "figures" / "code_usage.csv")
+    assert usage["choices"].sum() == len(steps)  # asked at every step
+    assert re.search(r"A skill lasts: [1-4]\.\d steps", capsys.readouterr().out)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "until it chooses another one, 4 steps at most" in page
 
 
 def test_again_evaluates_nothing_and_gives_the_same(

@@ -21,7 +21,7 @@ def losses_and_embeddings(network: Lisa, what: Batch) -> tuple[Tensor, Tensor]:
     """Loss (N,) of every frame, and what the skill predictor said (C, D)."""
     said: list[Tensor] = []
     handle = network.predictor.register_forward_hook(lambda module, args, out: said.append(out))
-    outputs, _ = network(what.tokens, what.valid, what.observations, what.actions, what.packing)
+    outputs, *_ = network(what.tokens, what.valid, what.observations, what.actions, what.packing)
     handle.remove()
     return network.head.loss(outputs, what.actions), said[0]
 

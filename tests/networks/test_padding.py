@@ -66,6 +66,6 @@ def test_the_codebook_never_sees_padding() -> None:
     """Statistics and moving averages count chunks of real steps, each once."""
     network = lisa(HORIZON)
     what = batch([1, HORIZON, 3 * HORIZON + 1])
-    _, skills = network(what.tokens, what.valid, what.observations, what.actions, what.packing)
+    _, skills, _ = network(what.tokens, what.valid, what.observations, what.actions, what.packing)
 
     assert len(skills.codes) == len(skills.distances) == 1 + 1 + 4

@@ -24,6 +24,7 @@ from lerobot_lisa.networks.quantizers import Quantizer
 from lerobot_lisa.networks.real_actions import MeanHead
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
 from lerobot_lisa.networks.symbols import SymbolNames
+from lerobot_lisa.networks.termination import Termination
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
 
@@ -85,6 +86,7 @@ def lisa(
     own: int = 0,
     stride: int = 1,
     mlp: bool = False,
+    every: int | None = None,
 ) -> Lisa:
     """LISA without dropout, in evaluation mode, with a codebook that has seen data."""
     torch.manual_seed(1)
@@ -102,7 +104,7 @@ def lisa(
         action_predictor=_policy(
             categorical, TimestepEmbedding(horizon, WIDTH), CausalTransformer(WIDTH, layers, HEADS, 0.0)
         ),
-        horizon=horizon,
+        termination=Termination(horizon, every, steps=3, weight=1),
         predictor_observations=None if shared else observations(asking),
         asks_words=attention() if asking else None,
         asks_skill=attention() if asking else None,

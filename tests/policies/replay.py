@@ -64,8 +64,8 @@ def assert_rollout_is_training(made: Training, steps: int) -> None:
 
     torch.testing.assert_close(torch.stack(outputs, 1).flatten(0, 1), expected, atol=1e-5, rtol=1e-5)
     if codes[0] is not None:
-        _, skills = policy.network(tokens, valid, frames, torch.stack(actions, 1).flatten(0, 1), packing)
-        assert torch.equal(torch.stack(codes[::HORIZON], 1).flatten(), skills.codes)
+        _, skills, _ = policy.network(tokens, valid, frames, torch.stack(actions, 1).flatten(0, 1), packing)
+        assert torch.equal(torch.stack(codes[:: policy.config.question_stride], 1).flatten(), skills.codes)
 
 
 def actions_of(made: Training, observations: dict[str, Tensor], steps: range, tasks: list[str]) -> list[Tensor]:

@@ -151,6 +151,10 @@ BAD_SETTINGS = {
 }
 BAD_LISA = {
     "horizon": (0, 10**9),
+    "termination_stride": (-1, 2),  # the horizon of these is 3
+    "skill_steps": (0.5, NAN),
+    "termination_weight": (-1.0, NAN, INF),
+    "skill_predictor": "lstm",
     "codebook_size": (0, 10**9),
     "code_width": (0, 10**9),
     "n_predictor_layers": (0, 10**6),
@@ -182,6 +186,15 @@ def test_settings_that_cannot_work(kind: str, name: str, value: Any) -> None:
         config(kind, **{name: value})
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    "other", [{"quantizer": "continuous"}, {"excerpt_steps": 80}, {"predictor_stride": 3}], ids=str
+)
+def test_what_learned_termination_cannot_go_with(other: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match=r"--policy\.termination_stride") as caught:
+        config("lisa", horizon=6, termination_stride=2, **other)
+    assert "\n" not in str(caught.value)
 
 
 TOO_LARGE = {

@@ -74,6 +74,29 @@ def test_rates_log_resumption_and_repetition(symbolic: Path, encoder: Path, tmp_
     assert_same(state_of(tmp_path / "first"), state_of(tmp_path / "resumed"))
 
 
+@pytest.mark.timeout(900)
+def test_learned_termination(symbolic: Path, tmp_path: Path) -> None:
+    """Trained before and after codes come, resumed in the middle to the same numbers, and evaluated."""
+    settings = ["--policy.type=lisa", "--policy.language_encoder=words", "--policy.codebook_size=5"]
+    settings += ["--policy.horizon=6", "--policy.termination_stride=2", "--policy.quantizer_warmup_steps=2"]
+
+    first = lerobot_train(*new_run(tmp_path / "first", symbolic, *settings))
+    assert first.returncode == 0, first.stderr[-3000:]
+    middle = tmp_path / "first/checkpoints/000002/pretrained_model/train_config.json"
+    resumed = lerobot_train(f"--config_path={middle}", "--resume=true", f"--output_dir={tmp_path / 'resumed'}")
+    assert resumed.returncode == 0, resumed.stderr[-3000:]
+
+    assert len(re.findall(r"skill_steps:[\d.]+", first.stdout + first.stderr)) == 4
+    assert_same(state_of(tmp_path / "first"), state_of(tmp_path / "resumed"))
+    world = ["--env.type=babyai", "--env.task=GoToLocal", "--env.max_episode_steps=20"]
+    evaluated = programs.run(
+        "lerobot-eval", *world, f"--policy.path={tmp_path / 'first' / LAST / 'pretrained_model'}",
+        "--eval.n_episodes=3", "--eval.batch_size=3", "--eval.use_async_envs=false", f"--output_dir={tmp_path / 'eval'}",
+    )  # fmt: skip
+    assert evaluated.returncode == 0, evaluated.stderr[-3000:]
+    assert (tmp_path / "eval" / "eval_info.json").is_file()
+
+
 BASELINES = {
     "babyai_rnn": ("symbolic", []),
     "lang_bc": ("continuous", []),

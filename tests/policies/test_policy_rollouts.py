@@ -56,6 +56,7 @@ def test_other_action_heads(kind: str, head: str, continuous: Path) -> None:
         {"n_code_parts": 2, "copy_words": False},
         {"vision_backbone": "resnet18"},
         {"skill_predictor": "mlp"},
+        {"termination_stride": 1},
         {"skill_predictor": "mlp", "copy_words": False, "predictor_stride": 1},
     ],
     ids=str,
@@ -64,6 +65,16 @@ def test_other_kinds_of_lisa(settings: dict[str, Any], pictures: Path) -> None:
     made = training("lisa", pictures, **settings).warm_up()
 
     assert_rollout_is_training(made, steps=4 * HORIZON + 2)
+
+
+def test_skills_that_end_before_their_horizon(symbolic: Path) -> None:
+    made = training("lisa", symbolic, horizon=6, termination_stride=2).warm_up()
+    _, metrics = made.policy.forward(made.batch(made.first_frames()))
+
+    assert_rollout_is_training(made, steps=40)
+    assert_rollouts_change_nothing(made)
+    assert 1 <= metrics["skill_steps"] <= 6
+    assert metrics["termination_loss"] >= 0
 
 
 @BOTH

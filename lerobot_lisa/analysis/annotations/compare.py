@@ -103,9 +103,8 @@ def compare(config: CheckpointConfig, dataset: "LeRobotDataset", settings: Setti
             f"style {settings.style}: there is nothing to compare codes with"
         )
     scores = score(found, settings.permutations, settings.tolerance)
-    horizon = trace.origin["policy"]["horizon"]
     return Comparison(
-        scores, found, subtasks.labels, trace.code_labels, horizon, settings, Path(str(dataset.root)).name
+        scores, found, subtasks.labels, trace.code_labels, trace.question_stride, settings, Path(str(dataset.root)).name
     )
 
 

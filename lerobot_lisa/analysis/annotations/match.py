@@ -86,7 +86,7 @@ def align(trace: Trace, subtasks: Subtasks) -> Alignment:
     episode = chunks["episode"].to_numpy(np.int64)
     left = runs["steps"].to_numpy(np.int64)[episode] - chunks["step"].to_numpy(np.int64)
     frames = [np.arange(start, start + steps) for start, steps in zip(runs["start"], runs["steps"], strict=True)]
-    length = np.minimum(left, trace.origin["policy"]["horizon"])
+    length = np.minimum(left, trace.question_stride)
     return Alignment(episode, length, chunks["code"].to_numpy(np.int64), subtasks.frames[np.concatenate(frames)])
 
 

@@ -73,8 +73,8 @@ def ask(
         most: Episodes, the first ones; None: all.
 
     Returns:
-        A trace of the steps at which it is asked: 0, H, 2H, ... An episode is a run of frames with one instruction, of
-        which `start` is the first frame in the dataset.
+        A trace of the steps at which it is asked: 0, H, 2H, ..., or more often. An episode is a run of frames with one
+        instruction, of which `start` is the first frame in the dataset.
     """
     import torch
     from lerobot.utils.collate import lerobot_collate_fn
@@ -98,8 +98,9 @@ def ask(
     hook.remove()
     numbers = {"episode": range(len(starts)), "start": starts, "steps": lengths, "instruction": instructions}
     episodes = pd.DataFrame({"group": "dataset", "task_id": 0, **numbers})
-    horizon = policy.config.horizon
-    steps = episodes.drop(columns=["start", "steps"]).loc[episodes.index.repeat(-(-lengths // horizon))]
-    steps["step"] = horizon * steps.groupby("episode").cumcount()
+    every = policy.config.question_stride
+    steps = episodes.drop(columns=["start", "steps"]).loc[episodes.index.repeat(-(-lengths // every))]
+    steps["step"] = every * steps.groupby("episode").cumcount()
     steps["code"] = torch.cat([skills.codes for skills in quantized]).cpu().numpy().astype(np.int64)
-    return Trace(steps, episodes, {"policy": {"horizon": horizon}, "codes": code_labels(policy)})
+    asked = {name: getattr(policy.config, name) for name in ("horizon", "termination_stride")}
+    return Trace(steps, episodes, {"policy": asked, "codes": code_labels(policy)})

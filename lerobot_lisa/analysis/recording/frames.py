@@ -72,14 +72,15 @@ class FrameCollector:
 
         Args:
             folder: For `FRAMES_FILE`.
-            horizon: H, steps that a code holds.
+            horizon: H, steps that a code holds, or less where another one follows.
             examples: Chunks kept of each code.
             frames: Of each chunk, at least 2.
         """
         self._path, self._horizon, self._examples = folder / FRAMES_FILE, horizon, examples
         self._moments = set(np.linspace(0, horizon, min(frames, horizon + 1)).round().astype(int).tolist()) - {horizon}
         self._kept: dict[int, list[Example]] = {}
-        self._open: dict[int, Example] = {}  # by environment: chunks that go on
+        self._began: dict[int, Example] = {}  # by environment: chunks that go on
+        self._open: dict[int, Example] = {}  # those of them that are kept
         for example in read(folder) if self._path.is_file() else []:
             self._keep(example)
 
@@ -87,13 +88,14 @@ class FrameCollector:
         """Start, go on with and end chunks."""
         if moment.codes is None:
             return
-        offset = moment.step % self._horizon
-        for index in [i for i in self._open if offset == 0 or i not in moment.live]:
+        for index in [i for i in self._open if i not in moment.live]:
             self._end(moment, index)
         for index in moment.live:
-            if offset == 0:
-                self._start(moment, index, int(moment.codes[index]))
-            if index in self._open and offset in self._moments:
+            code = int(moment.codes[index])
+            began = self._began.get(index)
+            if began is None or moment.step in (0, began.step + self._horizon) or began.code != code:
+                self._start(moment, index, code)
+            if index in self._open and moment.step - self._began[index].step in self._moments:
                 self._open[index].frames.append(_png(render(moment.env, index)))
 
     def after_rollout(self, moment: Moment) -> None:
@@ -105,10 +107,12 @@ class FrameCollector:
             pq.write_table(pa.Table.from_pylist([vars(example) for example in examples], _SCHEMA), partial)
 
     def _start(self, moment: Moment, index: int, code: int) -> None:
+        if index in self._open:
+            self._end(moment, index)
         group, task_id, first = moment.batch
         place = (group, task_id, first + index, moment.step)
         lot = int.from_bytes(blake2b(repr(place).encode(), digest_size=8).digest(), "little")
-        example = Example(lot, code, *place, moment.instructions[index])
+        example = self._began[index] = Example(lot, code, *place, moment.instructions[index])
         if self._keep(example):
             self._open[index] = example
 

@@ -77,6 +77,12 @@ class Trace:
         return self.origin.get("codes") or [str(code) for code in range(self.origin["policy"]["codebook_size"])]
 
     @property
+    def question_stride(self) -> int:
+        """Steps from one question to the skill predictor to the next: H, fewer with learned termination."""
+        policy = self.origin["policy"]
+        return int(policy.get("termination_stride") or policy["horizon"])
+
+    @property
     def world(self) -> str | None:
         """`--env.type`."""
         return self.origin["env"].get("type")

@@ -6,6 +6,7 @@ import numpy as np
 
 from lerobot_lisa.analysis.drawing import MOST_CODES, Plot
 from lerobot_lisa.analysis.material import POLICIES, Answer, Heading, Material
+from lerobot_lisa.analysis.recording.traces import Trace
 from lerobot_lisa.analysis.skills import choices, information, looking, words
 from lerobot_lisa.analysis.skills.sheets import skill_sheet
 from lerobot_lisa.analysis.skills.words import SkillWords, top_words, word_table
@@ -49,7 +50,7 @@ def answers(material: Material) -> Iterator[Answer]:
     vocabulary, table = word_table(instructions)
     found = SkillWords(vocabulary, table.T @ made.used, made.labels)
     plots = choices.plots(trace, made, material.data.action_names, sample)
-    yield Answer("codes", "Codes", _about_codes(material), plots, numbers=_about_choices(made))
+    yield Answer("codes", "Codes", _about_codes(material), plots, numbers=_about_choices(trace, made))
     yield _information(material, made, instructions, vocabulary, table)
     yield Answer("words", "Words and skills", WORDS if vocabulary else NO_WORDS, words.plots(found, sample))
     if material.looks:
@@ -60,19 +61,31 @@ def answers(material: Material) -> Iterator[Answer]:
 def _about_codes(material: Material) -> str:
     episodes = material.trace.episodes
     failed = episodes.loc[~episodes["success"], "steps"].sum() / episodes["steps"].sum()
+    every, horizon = material.trace.question_stride, material.trace.origin["policy"]["horizon"]
+    ends = "" if every == horizon else f" until it chooses another one, {horizon} steps at most"
     return (
-        f"The skill predictor chooses a code every {material.trace.origin['policy']['horizon']} steps; the policy "
-        f"follows it and never sees the instruction. These figures count all choices, {failed:.0%} of them in episodes "
+        f"The skill predictor chooses a code every {every} steps; the policy follows it{ends} "
+        f"and never sees the instruction. These figures count all choices, {failed:.0%} of them in episodes "
         "that failed, which last longest."
     )
 
 
-def _about_choices(made: choices.Choices) -> list[tuple[str, str, str]]:
+def _about_choices(trace: Trace, made: choices.Choices) -> list[tuple[str, str, str]]:
     bits = float(information.entropy(made.counts.sum(0).astype(np.float64)))
     return [
         ("Codes in use", f"{made.size - len(made.dead)} of {made.size}", f"{len(made.dead)} never chosen"),
         ("Perplexity", f"{made.perplexity:.1f}", f"codes in effective use; {bits:.2f} bits a choice"),
+        *_about_lengths(trace, made),
     ]
+
+
+def _about_lengths(trace: Trace, made: choices.Choices) -> list[tuple[str, str, str]]:
+    """How long skills last where that is learned."""
+    every, horizon = trace.question_stride, trace.origin["policy"]["horizon"]
+    if every == horizon:
+        return []
+    skills = choices.begun(made, horizon // every)
+    return [("A skill lasts", f"{trace.episodes['steps'].sum() / skills:.1f} steps", f"on average, {horizon} at most")]
 
 
 def _information(

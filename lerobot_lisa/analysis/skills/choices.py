@@ -31,7 +31,7 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Choices:
-    """Every choice that the skill predictor made in a trace: one at steps 0, H, 2H, ... of each episode.
+    """Every choice that the skill predictor made in a trace: one at steps 0, H, 2H, ... of each episode, or more often.
 
     Attributes:
         table: One row for each choice, in order: `episode` (its row in the trace's episodes), `chunk` and `code`, its
@@ -40,7 +40,7 @@ class Choices:
         codes: The C codes that are told about: all K of a small codebook in order; of a larger one those that were
             chosen, the most frequent first.
         labels: What those are called.
-        horizon: H, steps that a code holds.
+        horizon: Steps from one choice to the next: H, fewer with learned termination.
         size: K, codes in the codebook.
     """
 
@@ -88,8 +88,8 @@ class Choices:
 
 def choices(trace: Trace) -> Choices:
     """The choices in a trace of a policy with skill codes."""
-    horizon = trace.origin["policy"]["horizon"]
-    chosen = trace.steps[trace.steps["step"] % horizon == 0]
+    every = trace.question_stride
+    chosen = trace.steps[trace.steps["step"] % every == 0]
     place = pd.MultiIndex.from_frame(trace.episodes[KEY]).get_indexer(pd.MultiIndex.from_frame(chosen[KEY]))
     labels, numbers = trace.code_labels, chosen["code"].to_numpy(np.int64)
     codes = np.arange(len(labels))
@@ -97,9 +97,17 @@ def choices(trace: Trace) -> Choices:
         used, times = np.unique(numbers, return_counts=True)
         codes = used[np.argsort(-times, kind="stable")]
     places = np.argsort(codes)[np.searchsorted(np.sort(codes), numbers)]
-    table = pd.DataFrame({"episode": place, "chunk": (chosen["step"] // horizon).to_numpy(), "code": places})
+    table = pd.DataFrame({"episode": place, "chunk": (chosen["step"] // every).to_numpy(), "code": places})
     named = [labels[code] for code in codes]
-    return Choices(table, len(trace.episodes), codes.tolist(), named, horizon, len(labels))
+    return Choices(table, len(trace.episodes), codes.tolist(), named, every, len(labels))
+
+
+def begun(made: Choices, most: int) -> int:
+    """How many skills were begun: one where a code was said that was not followed, or had been for `most` choices."""
+    table = made.table
+    other = (table["chunk"] == 0) | (table["code"] != table["code"].shift())
+    place = np.arange(len(table))
+    return int(((place - np.maximum.accumulate(np.where(other, place, 0))) % most == 0).sum())
 
 
 def over_time(made: Choices, most: int = 50) -> tuple[Counts, int]:

@@ -29,6 +29,7 @@ class KMeansSkillsConfig(LisaConfig):
         "copy_words": False,
         "freeze_language_encoder": True,
         "skill_predictor": "transformer",
+        "termination_stride": 0,
         "quantizer": "vq",
         "n_code_parts": 1,
         "n_own_parts": 0,

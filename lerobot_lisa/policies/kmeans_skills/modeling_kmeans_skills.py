@@ -12,6 +12,7 @@ from lerobot_lisa.networks.kmeans_skills import KMeansCodes, PlainNumbers, Whole
 from lerobot_lisa.networks.language import pad_tokens
 from lerobot_lisa.networks.lisa import Lisa
 from lerobot_lisa.networks.one_observation import OneObservation
+from lerobot_lisa.networks.termination import Termination
 from lerobot_lisa.policies.base_processor import LONGEST, make_tokenizer
 from lerobot_lisa.policies.kmeans_skills.configuration_kmeans_skills import KMeansSkillsConfig
 from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy, make_action_predictor
@@ -40,7 +41,7 @@ class KMeansSkillsPolicy(LisaPolicy):
             quantizer=KMeansCodes(width, config.codebook_size),
             skill_embedding=nn.Linear(width, config.dim_model),
             action_predictor=make_action_predictor(config, action_bounds),
-            horizon=config.horizon,
+            termination=Termination(config.horizon),
             predictor_observations=PlainNumbers(config.input_features),  # type: ignore[arg-type]
         )
 

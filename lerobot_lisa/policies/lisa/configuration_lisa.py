@@ -22,10 +22,16 @@ class LisaConfig(EpisodePolicyConfig):
             paper (appendix): it hears the mean of the instruction's tokens and sees the chunk's first observation.
         n_predictor_layers: Transformer blocks of the skill predictor f.
         n_policy_layers: Transformer blocks of the policy pi.
-        horizon: H, steps that one skill code lasts.
+        horizon: H, steps that one skill code lasts; with learned termination at most.
+        termination_stride: Learned termination: every so many steps, of which `horizon` is a multiple, the skill
+            predictor is asked anew, and a skill is over when it says another code. 0: after `horizon` steps, the
+            paper's.
+        skill_steps: With learned termination, how long skills should last on average: codes that are changed more often
+            are charged for.
+        termination_weight: Of this charge, 1 for codes that are changed twice as often.
         predictor_stride: The skill predictor looks at steps 0, this, twice this, ..., of which `horizon` is a multiple,
-            in training and in rollouts; 1 is the paper's. None: `horizon` if there are pictures or it is an "mlp",
-            else 1.
+            in training and in rollouts; 1 is the paper's. None: as often as it is asked if there are pictures or it is
+            an "mlp", else 1.
         shared_observation_encoder: Skill predictor and policy see with the same encoder, at half the cost. The paper
             does not say; with an encoder each, LISA has more parameters than Lang-DT. None: if there are pictures.
         copy_words: The skill predictor copies phrases of the instruction, and codes lie among words: they can be read,
@@ -59,6 +65,9 @@ class LisaConfig(EpisodePolicyConfig):
     n_predictor_layers: int = 1
     n_policy_layers: int = 1
     horizon: int = 10
+    termination_stride: int = 0
+    skill_steps: float = 10
+    termination_weight: float = 1.0
     predictor_stride: int | None = None
     shared_observation_encoder: bool | None = None
     copy_words: bool = True
@@ -84,6 +93,9 @@ class LisaConfig(EpisodePolicyConfig):
         "n_predictor_layers": (1, 128),
         "n_policy_layers": (1, 128),
         "horizon": (1, 10**6),
+        "termination_stride": (0, 10**6),
+        "skill_steps": (1, 10**6),
+        "termination_weight": (0, 1e6),
         "predictor_stride": (1, 10**6),
         "n_code_parts": (1, 8),
         "codebook_size": (1, 10**6),
@@ -111,9 +123,12 @@ class LisaConfig(EpisodePolicyConfig):
             raise UserError("--policy.freeze_codebook=true: continuous skills have no codebook to freeze")
         if not 1 <= len(self.fsq_levels) <= 16 or not all(3 <= level <= 1000 for level in self.fsq_levels):
             raise UserError(f"--policy.fsq_levels={self.fsq_levels!r:.60} must be 1 to 16 numbers from 3 to 1000")
-        if self.predictor_stride and self.horizon % self.predictor_stride:
+        if self.termination_stride:
+            self._check_termination()
+        if self.predictor_stride and self.question_stride % self.predictor_stride:
+            name = "termination_stride" if self.termination_stride else "horizon"
             raise UserError(
-                f"--policy.horizon={self.horizon} must be a multiple of --policy.predictor_stride="
+                f"--policy.{name}={self.question_stride} must be a multiple of --policy.predictor_stride="
                 f"{self.predictor_stride}: the skill predictor is asked at steps that it looks at"
             )
         if (codes := self.n_codes) > MOST_CODES:
@@ -122,14 +137,32 @@ class LisaConfig(EpisodePolicyConfig):
                 "--policy.codebook_size, or fewer --policy.n_code_parts or --policy.fsq_levels"
             )
 
+    def _check_termination(self) -> None:
+        if self.horizon % self.termination_stride:
+            raise UserError(
+                f"--policy.horizon={self.horizon} must be a multiple of --policy.termination_stride="
+                f"{self.termination_stride}: a skill is over at a step at which the skill predictor is asked"
+            )
+        if self.quantizer == "continuous":
+            raise UserError(
+                "--policy.termination_stride: a skill is over when another code is said, but skills are continuous"
+            )
+        if self.excerpt_steps:
+            raise UserError(
+                "--policy.termination_stride: when a skill began may depend on all that was before, so that whole "
+                "episodes have to be learned from: leave --policy.excerpt_steps at 0"
+            )
+
     def fill_in(self) -> None:
         """Choose what the user has left open and what depends on the features."""
+        if self.termination_stride and self.excerpt_steps is None:
+            self.excerpt_steps = 0
         super().fill_in()
         shows_pictures = any(feature.type is FeatureType.VISUAL for feature in (self.input_features or {}).values())
         if self.shared_observation_encoder is None:
             self.shared_observation_encoder = shows_pictures
         if self.predictor_stride is None:
-            self.predictor_stride = self.horizon if shows_pictures or self.skill_predictor == "mlp" else 1
+            self.predictor_stride = self.question_stride if shows_pictures or self.skill_predictor == "mlp" else 1
         if self.optimizer_lr_skill_predictor is None:
             self.optimizer_lr_skill_predictor = self.optimizer_lr if shows_pictures else 1e-5
 
@@ -143,6 +176,11 @@ class LisaConfig(EpisodePolicyConfig):
     def learned_steps(self) -> int:
         """Steps of the parts of episodes that are learned from, whole chunks; 0: whole episodes."""
         return -(-(self.excerpt_steps or 0) // self.horizon) * self.horizon
+
+    @property
+    def question_stride(self) -> int:
+        """Steps from one question to the skill predictor to the next."""
+        return self.termination_stride or self.horizon
 
     @property
     def look_stride(self) -> int:

@@ -17,6 +17,7 @@ from lerobot_lisa.networks.packing import Packing
 from lerobot_lisa.networks.quantizers import Quantized
 from lerobot_lisa.networks.skill_plan import read_plan
 from lerobot_lisa.networks.skill_predictor import SkillPredictor
+from lerobot_lisa.networks.termination import Termination
 from lerobot_lisa.networks.timesteps import TimestepEmbedding
 from lerobot_lisa.networks.transformer import CausalTransformer
 from lerobot_lisa.policies.base_modeling import EpisodePolicy, Metrics
@@ -62,7 +63,7 @@ class LisaPolicy(EpisodePolicy):
             quantizer=quantizer,
             skill_embedding=nn.Linear(source.width, config.dim_model),
             action_predictor=make_action_predictor(config, action_bounds),
-            horizon=config.horizon,
+            termination=make_termination(config),
             predictor_observations=None if shared else make_observation_encoder(config, language, backbone),
             asks_words=make_part_attention(config, language, language.encoder.width),
             asks_skill=make_part_attention(config, language, source.width),
@@ -83,14 +84,18 @@ class LisaPolicy(EpisodePolicy):
     def predict(
         self, tokens: Tensor, tokens_valid: Tensor, frames: dict[str, Tensor], actions: Tensor, packing: Packing
     ) -> tuple[Tensor, Tensor, Metrics]:
-        """Predictions, commitment loss and what the codebook does; `UserError` if there are no codes to keep."""
+        """Predictions, what skills cost, and what the codebook does; `UserError` if there are no codes to keep."""
         if self.config.freeze_codebook and not self.network.quantizer.initialised:
             raise UserError(
                 "--policy.freeze_codebook=true keeps the codes that training starts from, but there are none yet: "
                 "start from a checkpoint that has codes, with --policy.path"
             )
-        outputs, skills = self.network(tokens, tokens_valid, frames, actions, packing)
-        return outputs, skills.commitment, _describe(skills, self.n_codes)
+        outputs, skills, lasting = self.network(tokens, tokens_valid, frames, actions, packing)
+        metrics = _describe(skills, self.n_codes)
+        if self.config.termination_stride:
+            metrics["skill_steps"] = lasting.chunks.lengths.float().mean().to(lasting.loss.device)
+            metrics["termination_loss"] = lasting.loss
+        return outputs, skills.commitment + lasting.loss, metrics
 
     def follow(self, plan: str | None) -> None:
         """Steer rollouts from the next one on: LeRobot's own evaluation then runs the plan, in every environment.
@@ -196,6 +201,11 @@ def make_skill_predictor(config: LisaConfig) -> SkillPredictor | OneObservation:
         config.dim_model,
         config.look_stride,
     )
+
+
+def make_termination(config: LisaConfig) -> Termination:
+    """After `horizon` steps, or before."""
+    return Termination(config.horizon, config.question_stride, config.skill_steps, config.termination_weight)
 
 
 def make_action_predictor(config: LisaConfig, action_bounds: Tensor) -> ActionPredictor:
