@@ -91,7 +91,8 @@ def test_learned_termination(symbolic: Path, tmp_path: Path) -> None:
     world = ["--env.type=babyai", "--env.task=GoToLocal", "--env.max_episode_steps=20"]
     evaluated = programs.run(
         "lerobot-eval", *world, f"--policy.path={tmp_path / 'first' / LAST / 'pretrained_model'}",
-        "--eval.n_episodes=3", "--eval.batch_size=3", "--eval.use_async_envs=false", f"--output_dir={tmp_path / 'eval'}",
+        "--eval.n_episodes=3", "--eval.batch_size=3", "--eval.use_async_envs=false",
+        f"--output_dir={tmp_path / 'eval'}",
     )  # fmt: skip
     assert evaluated.returncode == 0, evaluated.stderr[-3000:]
     assert (tmp_path / "eval" / "eval_info.json").is_file()
