@@ -61,10 +61,12 @@ def _check_features(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata")
     for key, feature in (config.input_features or {}).items():
         if meta.features.get(key, {}).get("dtype") == "string":
             raise UserError(f"`{key}` is text, which no policy here sees: leave it out of --policy.input_features")
-        ours, given = (tuple(known[key].shape) if key in known else None for known in (config.input_features, theirs))
-        if feature.type is FeatureType.VISUAL and ours and given:
+        if key not in theirs:
+            continue
+        ours, given = tuple(feature.shape), tuple(theirs[key].shape)
+        if feature.type is FeatureType.VISUAL:
             ours, given = ours[:1], given[:1]  # a camera may have other pixels, but no other colors
-        if given is not None and ours != given:
+        if ours != given:
             raise UserError(
                 f"`{key}` has shape {given} in {meta.root}, but the policy takes {ours}: take recordings of the same "
                 "kind, or train a new policy, without --policy.path"
