@@ -231,7 +231,8 @@ def _versions(*packages: str) -> dict[str, str | None]:
 
 
 def _version(package: str) -> str | None:
+    """Without the build: PyTorch 2.11.0+cu130 and 2.11.0 are one release, for one device and another."""
     try:
-        return version(package)
+        return version(package).partition("+")[0]
     except PackageNotFoundError:
         return None

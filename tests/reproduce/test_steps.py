@@ -9,6 +9,7 @@ import pytest
 
 from lerobot_lisa import code_version
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.reproduce import plan as planning
 from lerobot_lisa.reproduce import run
 from lerobot_lisa.reproduce.outcomes import NOT_RUN, RUN, STALE, STARTED, keep, read_published, state
 from lerobot_lisa.reproduce.perform import perform
@@ -220,6 +221,12 @@ def test_comments_and_layout_mean_nothing(tmp_path: Path) -> None:
         file.write_text(text)
     one, same, other = map(code_version._meaning, files)
     assert one == same != other
+
+
+def test_a_release_for_another_device_is_the_same_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    releases = {"torch": "2.11.0+cu130", "transformers": "5.5.4"}
+    monkeypatch.setattr(planning, "version", releases.__getitem__)
+    assert planning._versions(*releases) == {"torch": "2.11.0", "transformers": "5.5.4"}
 
 
 def test_code_that_is_not_imported_changes_nothing() -> None:
