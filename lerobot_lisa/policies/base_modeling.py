@@ -4,6 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from contextlib import nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -297,6 +298,12 @@ class EpisodePolicy(PreTrainedPolicy):
         return self.select_action(batch, **kwargs)[:, None]
 
     # Checkpoints and the Hub.
+
+    def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
+        """Save weights apart: on a GPU those of a recurrent network are one piece of memory, which safetensors refuses."""
+        if state_dict is None and any(value.is_cuda for value in self.parameters()):
+            state_dict = {name: value.detach().cpu().clone() for name, value in self.state_dict().items()}
+        super()._save_pretrained(save_directory, state_dict=state_dict)
 
     @classmethod
     def _load_as_safetensor(
