@@ -300,9 +300,9 @@ class EpisodePolicy(PreTrainedPolicy):
     # Checkpoints and the Hub.
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
-        """Save weights apart: on a GPU those of a recurrent network are one piece of memory, which safetensors refuses."""
-        if state_dict is None and any(value.is_cuda for value in self.parameters()):
-            state_dict = {name: value.detach().cpu().clone() for name, value in self.state_dict().items()}
+        """Copies, where weights share memory: on a GPU those of a recurrent network do, which safetensors refuses."""
+        if state_dict is None and _share_memory(held := self.state_dict()):
+            state_dict = {name: value.detach().cpu().clone() for name, value in held.items()}
         super()._save_pretrained(save_directory, state_dict=state_dict)
 
     @classmethod
@@ -364,3 +364,7 @@ def _same_size(shape: tuple[int, ...], feature: PolicyFeature) -> bool:
     if feature.type is FeatureType.VISUAL:
         return len(shape) == 3 and shape[0] == feature.shape[0]
     return math.prod(shape) == math.prod(feature.shape)
+
+
+def _share_memory(state: Mapping[str, Tensor]) -> bool:
+    return len({value.untyped_storage().data_ptr() for value in state.values()}) < len(state)

@@ -44,6 +44,22 @@ def test_everything_comes_back_exactly(kind: str, data: str, tmp_path: Path, req
 
 
 @BOTH
+def test_weights_that_share_memory_are_saved(kind: str, symbolic: Path, tmp_path: Path) -> None:
+    """As those of a recurrent network do on a GPU."""
+    made = training(kind, symbolic).warm_up()
+    weights = [value for name, value in made.policy.named_parameters() if ".gru." in name]
+    whole = torch.cat([value.detach().reshape(-1) for value in weights])
+    for value, part in zip(weights, whole.split([value.numel() for value in weights]), strict=True):
+        value.data = part.view_as(value)
+
+    loaded = get_policy_class(kind).from_pretrained(saved(made, tmp_path / "checkpoint"), strict=True)
+
+    mine, theirs = made.policy.state_dict(), loaded.state_dict()
+    assert len(weights) > 1
+    assert all(torch.equal(mine[key], theirs[key]) for key in mine)
+
+
+@BOTH
 def test_training_goes_on_from_a_checkpoint(kind: str, continuous: Path, tmp_path: Path) -> None:
     """The next loss after loading is the one that would have come without it."""
     made = training(kind, continuous, dropout=0.0, normalization_mapping=NORMALISED).warm_up()
