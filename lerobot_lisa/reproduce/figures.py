@@ -1,5 +1,6 @@
-"""The figures of docs/results.md, from the files that its tables are from: ours beside the paper's, learning curves."""
+"""The figures of docs/results.md, from the files that its tables are from: ours beside the paper's, and curves."""
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -73,6 +74,30 @@ def _draw_curve(axes: Axes, name: str, points: Sequence[tuple[int, Outcome]], st
     axes.fill_between(steps, low, high, alpha=0.15, color=line.get_color(), linewidth=0)
 
 
+_VARIED = {"horizon": re.compile(r", horizon (\d+)$"), "number of skills": re.compile(r", (\d+) skills$")}
+
+
+def information(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:
+    """Bits between instructions and codes during training, by horizon and by number of skills; None: none was kept."""
+    ours = {row.title for row in rows if row.table == "ablations"}
+    panels: dict[str, list[tuple[int, Outcome]]] = {}
+    for run in runs:
+        for varied, pattern in _VARIED.items():
+            if run["row"] in ours and run.get("information") and (found := pattern.search(run["row"])):
+                panels.setdefault(varied, []).append((int(found[1]), run))
+    if not panels:
+        return None
+    figure = new_figure(_WIDTH, 3.2)
+    for number, (varied, curves) in enumerate(panels.items()):
+        axes = figure.add_subplot(1, len(panels), number + 1)
+        ordered = sorted(curves, key=lambda curve: curve[0])
+        for (size, run), style in zip(ordered, ("-", "--", ":", "-."), strict=False):
+            axes.plot(*zip(*run["information"], strict=True), style, label=str(size))
+        axes.set(title=f"BossLevel, {varied}", xlabel="steps of training", ylabel="bits", ylim=(0, None))
+        axes.legend()
+    return figure
+
+
 def _of(runs: Iterable[Outcome], row: Row, policy: str) -> list[Outcome]:
     limit = row.evaluate.get("env.max_episode_steps")
     own = [run for run in runs if (run["row"], run["policy"]) == (row.title, policy)]
@@ -94,6 +119,7 @@ class _Drawing(NamedTuple):
 DRAWINGS = {
     "paper": _Drawing(beside_paper, "Success of every row that was run, beside the paper's"),
     "transfer": _Drawing(learning_curves, "Success during training, from nothing and from another level's skills"),
+    "information": _Drawing(information, "Bits between instructions and skill codes during training"),
 }
 
 

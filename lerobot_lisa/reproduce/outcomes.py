@@ -2,12 +2,16 @@
 
 import csv
 import json
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from lerobot_lisa.analysis.files import write_json
+from lerobot_lisa.analysis.training.logs import read_log
 from lerobot_lisa.code_version import PACKAGE
+from lerobot_lisa.errors import UserError
+from lerobot_lisa.reproduce.perform import LOG
 from lerobot_lisa.reproduce.plan import Run, Settings
 from lerobot_lisa.reproduce.rows import find_configs
 from lerobot_lisa.reproduce.steps import difference
@@ -82,8 +86,20 @@ def outcome(run: Run, settings: Settings) -> Outcome:
         "commits": {kind: note.get("commit") for kind, note in notes.items()},
         "commands": {kind: _without(paths, note.get("command", "")) for kind, note in notes.items()},
         "seconds": {kind: note.get("seconds") for kind, note in notes.items()},
+        "information": _information(run),
         "depends": step.depends,
     }
+
+
+def _information(run: Run) -> list[tuple[int, float]]:
+    """Bits between instructions and codes after so many steps of training; none of a training that was interrupted."""
+    logs = [step.folder / LOG for step in run.steps if step.kind == "train"]
+    try:
+        (read,) = map(read_log, logs)
+    except (OSError, ValueError, UserError):  # not here, nothing trained, or put together of two runs
+        return []
+    counted = zip(read.steps, read.values.get("mutual_information", []), strict=False)
+    return [(step, bits) for step, bits in counted if not math.isnan(bits)]
 
 
 def how_evaluated(told: Mapping[str, Any]) -> Outcome:

@@ -8,6 +8,7 @@ from lerobot_lisa.analysis.files import aside, write_json
 from lerobot_lisa.code_version import PACKAGE
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.reproduce.before import read_before
+from lerobot_lisa.reproduce.by_part import by_part
 from lerobot_lisa.reproduce.figures import draw_all, link
 from lerobot_lisa.reproduce.outcomes import RUN, State, is_of, read_published
 from lerobot_lisa.reproduce.plan import Run
@@ -47,8 +48,10 @@ def render(page: str, folder: Path = FOLDER) -> str:
 
 
 def _block(name: str, rows: Mapping[str, Row], folder: Path) -> str:
-    """A table of rows (`ablations`), or all of the paper's main tables and ours about a world (`babyai`)."""
-    chosen = [row for row in rows.values() if row.table == name]
+    """A table of rows (`ablations`), all of the paper's main tables and ours about a world (`babyai`), or `parts`."""
+    if name == "parts":
+        return by_part(read_published(folder), rows.values())
+    chosen = [row for row in rows.values() if row.table == name and not row.parts]
     chosen = chosen or [row for row in rows.values() if row.table in MAIN and row.family == name]
     elsewhere = {row.title for row in rows.values()} - {row.title for row in chosen}
     runs = [kept for kept in read_published(folder) if kept["row"] not in elsewhere]

@@ -1,5 +1,6 @@
 """Reading what lerobot-train logged: every step and curve, clear refusals."""
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -41,6 +42,19 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
 def test_steps_are_counted_because_the_log_rounds_them(log: Path) -> None:
     values = {"action_loss": [0.279, 0.2], "perplexity": [8.7, 9.5]}
     assert read_log(log) == Run("lisa", [500, 1000], values, SETTINGS)
+
+
+def test_what_is_logged_later_only_has_no_number_before(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of codes, which are placed after a while."""
+    log.write_text(LOG.replace(" perplexity:8.7", ""))
+    first, second = read_log(log).values["perplexity"]
+    assert math.isnan(first)
+    assert second == 9.5
+    assert run(monkeypatch, log, f"--output_dir={tmp_path / 'out'}") == 0
+    table = pd.read_csv(tmp_path / "out" / "training_curves.csv")
+    assert table[table["curve"] == "perplexity"]["step"].tolist() == [1000]
 
 
 def test_a_log_that_breaks_off_gives_what_there_is(log: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from lerobot_lisa.reproduce import figures
 from lerobot_lisa.reproduce.before import read_before
+from lerobot_lisa.reproduce.by_part import by_part
 from lerobot_lisa.reproduce.results import render, render_page
 from lerobot_lisa.reproduce.rows import read_rows
 from lerobot_lisa.reproduce.side_by_side import side_by_side
@@ -95,6 +96,28 @@ def test_figures_are_drawn_of_what_there_is() -> None:
     assert [axes.get_title() for axes in drawn.axes] == ["BossLevel", "GoToSeq"]
     (drawn_curve,) = drawn.axes[1].lines
     assert (list(drawn_curve.get_xdata()), list(drawn_curve.get_ydata())) == ([500, 1000, 2000], [20, 40, 60])
+
+
+def test_information_is_drawn_by_what_was_varied() -> None:
+    rows = [*ROWS.values()]
+    assert figures.information([run("ablations.horizon_5", "lisa", 50)], rows) is None  # nothing was kept
+    names = ("horizon_50", "horizon_5", "skills_20", "papers_form")
+    drawn = figures.information([run(f"ablations.{name}", "lisa", 50, information=[[1, 0.5]]) for name in names], rows)
+    assert drawn is not None
+    told = {axes.get_title(): [line.get_label() for line in axes.lines] for axes in drawn.axes}
+    assert told == {"BossLevel, horizon": ["5", "50"], "BossLevel, number of skills": ["20"]}
+
+
+def test_parts_of_an_evaluation_stand_beside_the_papers() -> None:
+    parts = {"close drawer": {"success": {"successes": 45, "episodes": 50}}}
+    table = by_part([run("appendix.lorel_tasks", "lisa", 60, parts=parts)], [ROWS["appendix.lorel_tasks"]])
+    head, _, first, second, *_ = table.splitlines()
+    assert head == "| LOReL images, by instruction | LISA | Lang-DT | LISA, the paper | Lang-DT, the paper |"
+    assert first == "| close drawer | 90.0 % (78.6 to 95.7) | not run | 100 % | 10 % |"
+    assert second == "| open drawer | not run | not run | 20 % | 60 % |"
+    by_wording = by_part([], [ROWS["appendix.lorel_rephrasals"], ROWS["table1.gotoseq_1k"]])
+    assert by_wording.splitlines()[0].endswith("| SkillDiffuser (arXiv:2312.11598) |")
+    assert "\n\n" not in by_wording  # a row without parts has no table
 
 
 def test_the_page_shows_figures_that_can_be_drawn(tmp_path: Path) -> None:

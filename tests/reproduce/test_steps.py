@@ -9,8 +9,8 @@ import pytest
 
 from lerobot_lisa import code_version
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.reproduce import outcomes, run
 from lerobot_lisa.reproduce import plan as planning
-from lerobot_lisa.reproduce import run
 from lerobot_lisa.reproduce.outcomes import NOT_RUN, RUN, STALE, STARTED, keep, read_published, state
 from lerobot_lisa.reproduce.perform import perform
 from lerobot_lisa.reproduce.plan import Run, Settings, plan
@@ -204,6 +204,18 @@ def test_where_nothing_has_been_run_nothing_is_published(settings: Settings, tmp
     left = plan([settings.rows["tiny.gotolocal"]], settings)[0]
     with pytest.raises(UserError, match="none of these rows has been run here"):
         publish([(left, state(left, settings, []))], tmp_path)
+
+
+def test_bits_of_a_training_are_kept_with_its_numbers(settings: Settings) -> None:
+    one, _ = plan([settings.rows["tiny.gotolocal"]], settings)
+    assert outcomes._information(one) == []  # no log
+    log = next(step.folder for step in one.steps if step.kind == "train") / "log.txt"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    first, second = "step:100 smpl:1 loss:0.5", "step:200 smpl:2 loss:0.4 mutual_information:1.25"
+    log.write_text(f"'log_freq': 100\n{first}\n{second}\n")
+    assert outcomes._information(one) == [(200, 1.25)]  # codes are placed after a while
+    log.write_text(f"'log_freq': 100\n{second}\n")
+    assert outcomes._information(one) == []  # of a run that was gone on with
 
 
 def test_stages_of_a_cluster_wait_for_one_another(settings: Settings) -> None:

@@ -4,6 +4,7 @@ python -m lerobot_lisa.analysis.training outputs/logs/*.log --output_dir=docs/fi
 python -m lerobot_lisa.analysis.training outputs/k20.log outputs/k50.log --curves='[mutual_information]'
 """
 
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -86,6 +87,7 @@ def training_curves_plot(runs: Sequence[Run], keys: Sequence[str]) -> Plot:
         for run, label in zip(runs, labels(runs), strict=True)
         for key in shown
         for step, value in zip(run.steps, run.values.get(key, []), strict=False)
+        if not math.isnan(value)
     ]
     reading = (
         "Numbers of single training batches, so they are rough. Good: losses fall, perplexity stays well above 1, and "

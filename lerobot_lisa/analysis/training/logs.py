@@ -4,6 +4,7 @@ wandb's files are not read: LeRobot sends wandb the numbers of the same lines, w
 of its files is its own affair.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +38,7 @@ class Run(NamedTuple):
     Attributes:
         name: Its file's name.
         steps: Step of each logged line.
-        values: Logged numbers by key, one for each line.
+        values: Logged numbers by key, one for each line; NaN where it has none, as of codes that are not yet placed.
         settings: Of `SETTINGS`, by the first of their names, as far as they are logged.
     """
 
@@ -63,7 +64,8 @@ def read_log(path: Path) -> Run:
     steps = [int(frequency[1]) * count for count in range(1, len(lines) + 1)]
     _check_first(path, lines[0], steps[0])
     rows = [{key: float(value) for key, value in _NUMBER.findall(line)} for line in lines]
-    values = {key: [row[key] for row in rows] for key in CURVES if all(key in row for row in rows)}
+    there = [key for key in CURVES if any(key in row for row in rows)]
+    values = {key: [row.get(key, math.nan) for row in rows] for key in there}
     return Run(path.stem, steps, values, _settings(text))
 
 
