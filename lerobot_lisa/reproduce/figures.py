@@ -17,6 +17,7 @@ from lerobot_lisa.reproduce.tables import place
 
 FOLDER = "figures/results"  # in docs
 _WIDTH, _BAR = 8.0, 0.38  # inches that a figure is wide and that a bar takes
+_VARIED = {"horizon": re.compile(r", horizon (\d+)$"), "number of skills": re.compile(r", (\d+) skills$")}
 
 
 def beside_paper(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:
@@ -72,9 +73,6 @@ def _draw_curve(axes: Axes, name: str, points: Sequence[tuple[int, Outcome]], st
     (line,) = axes.plot(steps, [rate.percent for rate in rates], style, marker="o", markersize=3, label=name)
     low, high = [rate.low for rate in rates], [rate.high for rate in rates]
     axes.fill_between(steps, low, high, alpha=0.15, color=line.get_color(), linewidth=0)
-
-
-_VARIED = {"horizon": re.compile(r", horizon (\d+)$"), "number of skills": re.compile(r", (\d+) skills$")}
 
 
 def information(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:

@@ -92,11 +92,13 @@ def outcome(run: Run, settings: Settings) -> Outcome:
 
 
 def _information(run: Run) -> list[tuple[int, float]]:
-    """Bits between instructions and codes after so many steps of training; none of a training that was interrupted."""
-    logs = [step.folder / LOG for step in run.steps if step.kind == "train"]
+    """Bits between instructions and codes after so many steps of training; none where its log repeats some of them."""
     try:
-        (read,) = map(read_log, logs)
-    except (OSError, ValueError, UserError):  # not here, nothing trained, or put together of two runs
+        (train,) = (step for step in run.steps if step.kind == "train")
+        read = read_log(train.folder / LOG)
+    except (OSError, ValueError, UserError):  # not here, nothing trained or twice, or not from the first step on
+        return []
+    if read.steps[-1] > train.depends["config"]["steps"]:  # interrupted, and gone on with from before that
         return []
     counted = zip(read.steps, read.values.get("mutual_information", []), strict=False)
     return [(step, bits) for step, bits in counted if not math.isnan(bits)]

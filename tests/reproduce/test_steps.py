@@ -215,7 +215,9 @@ def test_bits_of_a_training_are_kept_with_its_numbers(settings: Settings) -> Non
     log.write_text(f"'log_freq': 100\n{first}\n{second}\n")
     assert outcomes._information(one) == [(200, 1.25)]  # codes are placed after a while
     log.write_text(f"'log_freq': 100\n{second}\n")
-    assert outcomes._information(one) == []  # of a run that was gone on with
+    assert outcomes._information(one) == []  # not from the first step on
+    log.write_text(f"'log_freq': 100\n{first}\n{second}\n{second}\n{second}\n")
+    assert outcomes._information(one) == []  # more steps than there were: gone on with, some are told twice
 
 
 def test_stages_of_a_cluster_wait_for_one_another(settings: Settings) -> None:
