@@ -35,4 +35,4 @@ def _line(part: str, runs: Sequence[Outcome], row: Row, peers: Sequence[str]) ->
         own = [{"rates": run["parts"][part]} for run in runs if run["policy"] == policy and part in run["parts"]]
         yield cells.success(own, bold=False) if own else cells.NOT_RUN
     for name in (*row.policies, *peers):
-        yield f"{row.parts[part][name]:g} %" if name in row.parts[part] else ""
+        yield cells.paper((row.parts[part][name], 0) if name in row.parts[part] else None)

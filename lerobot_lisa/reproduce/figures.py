@@ -17,6 +17,7 @@ from lerobot_lisa.reproduce.tables import place
 
 FOLDER = "figures/results"  # in docs
 _WIDTH, _BAR = 8.0, 0.38  # inches that a figure is wide and that a bar takes
+_STYLES = ("-", "--", ":", "-.")  # of lines: told apart without colors
 _VARIED = {"horizon": re.compile(r", horizon (\d+)$"), "number of skills": re.compile(r", (\d+) skills$")}
 
 
@@ -60,7 +61,7 @@ def learning_curves(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | No
     figure = new_figure(_WIDTH, 3.2)
     for number, (level, curves) in enumerate(levels.items()):
         axes = figure.add_subplot(1, len(levels), number + 1)
-        for style, (name, points) in zip(("-", "--", ":", "-."), curves, strict=False):
+        for style, (name, points) in zip(_STYLES, curves, strict=False):
             _draw_curve(axes, name, points, style)
         axes.set(title=level, xlabel="steps of training", ylabel="success in percent", ylim=(0, 100))
         axes.legend()
@@ -89,7 +90,7 @@ def information(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:
     for number, (varied, curves) in enumerate(panels.items()):
         axes = figure.add_subplot(1, len(panels), number + 1)
         ordered = sorted(curves, key=lambda curve: curve[0])
-        for (size, run), style in zip(ordered, ("-", "--", ":", "-."), strict=False):
+        for (size, run), style in zip(ordered, _STYLES, strict=False):
             axes.plot(*zip(*run["information"], strict=True), style, label=str(size))
         axes.set(title=f"BossLevel, {varied}", xlabel="steps of training", ylabel="bits", ylim=(0, None))
         axes.legend()
