@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import json
 import shlex
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
+SAME_RESULTS = PACKAGE / "same_results.json"
 _OURS = ("lerobot_lisa", "dataset_converters")
 
 
@@ -43,7 +45,8 @@ def _git(*arguments: str) -> str:
 def fingerprint(modules: Iterable[str]) -> dict[str, str]:
     """What our code does that modules import, directly or not: for each folder some letters.
 
-    Only another meaning changes them: comments, docstrings and layout do not, nor do files that are not imported.
+    Only another meaning changes them: comments, docstrings and layout do not, nor do files that are not imported, nor
+    do changes that are declared to change no result (`same_results.json`).
 
     Args:
         modules: By their full names, such as "lerobot_lisa.policies.lisa.modeling_lisa".
@@ -97,8 +100,22 @@ def _imports(tree: ast.AST) -> Iterator[str]:
 
 @cache
 def _meaning(path: Path) -> str:
-    """The code without comments, docstrings and layout."""
-    tree = ast.parse(path.read_bytes())
+    """Of a file; where it is declared to make the same results as before, that of before."""
+    now = meaning(path.read_bytes())
+    while now in _same_results():
+        now = _same_results()[now]
+    return now
+
+
+@cache
+def _same_results() -> dict[str, str]:
+    """Meanings of changed files, and what those files meant before (`python -m lerobot_lisa.reproduce.declare`)."""
+    return {change["is"]: change["was"] for change in json.loads(SAME_RESULTS.read_text(encoding="utf-8"))}
+
+
+def meaning(source: bytes) -> str:
+    """Letters for Python code without comments, docstrings and layout."""
+    tree = ast.parse(source)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):

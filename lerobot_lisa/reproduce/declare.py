@@ -1,0 +1,58 @@
+"""Declare that what has changed in the code since a commit changes no result, so that no row becomes stale by it.
+
+python -m lerobot_lisa.reproduce.declare dea56fa "finite scalars can be built without memory; nothing else reads this"
+
+It adds each changed file to lerobot_lisa/same_results.json. One more change of the file, and rows that use it are stale
+again. docs/reproduce.md says how to see first that it is true.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+
+from lerobot_lisa.analysis.files import write_json
+from lerobot_lisa.code_version import PACKAGE, SAME_RESULTS, meaning
+from lerobot_lisa.errors import UserError, exit_code
+
+_CHECKOUT = PACKAGE.parent
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("commit", help="the last one whose results are known")
+    parser.add_argument("why", help="why results are the same, and what showed it")
+    parser.add_argument("files", nargs="*", help="only these (default: all that have changed)")
+    options = parser.parse_args(arguments)
+    return exit_code(lambda: _declare(options.commit, options.why, options.files))
+
+
+def _declare(commit: str, why: str, files: Sequence[str]) -> None:
+    known = json.loads(SAME_RESULTS.read_text(encoding="utf-8"))
+    new = [change for change in _changes(commit, files) if change["is"] not in {old["is"] for old in known}]
+    if not new:
+        raise UserError(f"since {commit} no code has changed that is not declared yet")
+    write_json([*known, *({**change, "why": why} for change in new)], SAME_RESULTS, indent=2)
+    print(*(f"declared: {change['file']}" for change in new), sep="\n")
+
+
+def _changes(commit: str, files: Sequence[str]) -> Iterator[dict[str, str]]:
+    """Files that mean something else than at a commit; new files and those that are gone mean nothing by themselves."""
+    where = files or ("lerobot_lisa", "dataset_converters")
+    for file in _git("diff", "--name-only", "--diff-filter=M", commit, "--", *where).split():
+        was, now = meaning(_git("show", f"{commit}:{file}").encode()), meaning((_CHECKOUT / file).read_bytes())
+        if was != now:
+            yield {"file": file, "was": was, "is": now}
+
+
+def _git(*arguments: str) -> str:
+    told = subprocess.run(["git", "-C", str(_CHECKOUT), *arguments], capture_output=True, text=True, check=False)
+    if told.returncode:
+        raise UserError(f"git {arguments[0]}: {told.stderr.strip().splitlines()[0]}")
+    return told.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""Changes of code that change no result are declared, and then make no row stale."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lerobot_lisa import code_version
+from lerobot_lisa.reproduce import declare
+
+FILE = "lerobot_lisa/networks.py"
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with one committed file, in place of ours."""
+    same = tmp_path / "lerobot_lisa" / "same_results.json"
+    same.parent.mkdir()
+    same.write_text("[]\n")
+    (tmp_path / FILE).write_text("x = 1\n")
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
+    for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "one"]):
+        subprocess.run([*git, *words], check=True)
+    monkeypatch.setattr(declare, "_CHECKOUT", tmp_path)
+    for module in (declare, code_version):
+        monkeypatch.setattr(module, "SAME_RESULTS", same)
+    return tmp_path
+
+
+@pytest.fixture
+def means(checkout: Path) -> Callable[[str], str]:
+    """What the file means with other code in it, for who looks at declarations."""
+
+    def write(code: str) -> str:
+        (checkout / FILE).write_text(code)
+        code_version._same_results.cache_clear()
+        return code_version._meaning.__wrapped__(checkout / FILE)
+
+    return write
+
+
+@pytest.fixture(autouse=True)
+def _declarations_are_read_again() -> None:
+    code_version._same_results.cache_clear()
+
+
+def test_what_is_declared_means_what_it_meant(
+    checkout: Path, means: Callable[[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = means("x = 1\n"), means("x = 2 - 1\n")
+    assert first != second
+
+    assert declare.main(["HEAD", "one is one"]) == 0
+
+    assert capsys.readouterr().out == f"declared: {FILE}\n"
+    (change,) = json.loads((checkout / "lerobot_lisa" / "same_results.json").read_text())
+    assert (change["file"], change["why"]) == (FILE, "one is one")
+    assert means("x = 2 - 1\n") == first
+    assert means("x = 2\n") not in (first, second)  # one change more
+
+
+def test_a_change_after_a_declared_one(checkout: Path, means: Callable[[str], str]) -> None:
+    first = means("x = 1\n")
+    means("x = 2 - 1\n")
+    assert declare.main(["HEAD", "one is one"]) == 0
+    subprocess.run(["git", "-C", str(checkout), "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qam", "2"])
+    means("x = 3 - 2\n")
+    assert declare.main(["HEAD", "one is still one"]) == 0
+    assert means("x = 3 - 2\n") == first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["HEAD", "why"], "since HEAD no code has changed that is not declared yet"),
+        (["nowhere", "why"], "git diff: "),
+        (["HEAD", "why", "elsewhere.py"], "since HEAD no code"),
+    ],
+)
+def test_nothing_to_declare(
+    checkout: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (checkout / FILE).write_text("x = 1  # a comment\n")
+    assert declare.main(arguments) == 1
+    assert f"error: {said}" in capsys.readouterr().err
+    assert (checkout / "lerobot_lisa" / "same_results.json").read_text() == "[]\n"
+
+
+def test_what_is_declared_here() -> None:
+    """Each change once, with its reason, and none leads back to itself."""
+    changes = json.loads(code_version.SAME_RESULTS.read_text(encoding="utf-8"))
+    after = {change["is"]: change["was"] for change in changes}
+    assert len(after) == len(changes)
+    for change in changes:
+        assert change["why"]
+        assert (code_version.PACKAGE.parent / change["file"]).is_file(), change["file"]
+        meant = change["is"]
+        for _ in changes:
+            meant = after.get(meant, meant)
+        assert meant not in after
