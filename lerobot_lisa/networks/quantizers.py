@@ -117,7 +117,8 @@ class FiniteScalars(Quantizer):
 
     def __init__(self, width: int, levels: list[int]) -> None:
         super().__init__()
-        self.quantizer = FSQ(levels=levels, dim=width)
+        with torch.device("cpu"):  # the library counts codes as it is built, which nobody can on the meta device
+            self.quantizer = FSQ(levels=levels, dim=width)
         self.sizes = (self.quantizer.codebook_size,)
 
     def forward(self, embeddings: Tensor) -> Quantized:

@@ -1,6 +1,7 @@
 """Frames that a training step learns from: whole episodes or excerpts, under the policy's names and in its scale."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -145,11 +146,22 @@ class TrainingFrames:
             ours = renamed_features(features, self.dataset.features, batch, tell_apart)
             theirs = {name: key for key, name in ours.items()}
             keys = [*(theirs.get(key, key) for key in features), ACTION]
+            self._say_unused(self.dataset, keys)
             location = self.config.episode_store
             store = load_episodes(self.dataset, keys, location, self.config.image_size, self._looker(device))
             store = store.renamed(ours)
             self.store = store.to(device) if location == "device" else store
         return self.store
+
+    def _say_unused(self, dataset: "LeRobotDatasetMetadata", used: Sequence[str]) -> None:
+        """A checkpoint that goes on looks at the cameras that it was trained with, whatever the dataset has besides."""
+        unused = [key for key in dataset.camera_keys if key not in used]
+        if unused and self.config.pretrained_path:
+            logging.warning(
+                "%s: the checkpoint was trained without %s and goes on without: only a new policy can use it",
+                dataset.root,
+                " and ".join(f"`{key}`" for key in unused),
+            )
 
     def _looker(self, device: torch.device) -> Looker | None:
         if (eyes := self._eyes) is None:

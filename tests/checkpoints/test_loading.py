@@ -28,7 +28,15 @@ def frame() -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"shared_observation_encoder": True}, {"quantizer": "continuous"}, {"copy_words": False}]
+    "settings",
+    [
+        {},
+        {"shared_observation_encoder": True},
+        {"quantizer": "continuous"},
+        {"quantizer": "residual_vq", "n_code_parts": 2},
+        {"quantizer": "fsq"},
+        {"copy_words": False},
+    ],
 )
 def test_the_policy_acts_as_lerobots(settings: dict[str, bool], symbolic: Path, tmp_path: Path) -> None:
     folder = tiny_checkpoints.lisa(symbolic, tmp_path / "lisa", **settings)

@@ -141,6 +141,26 @@ def test_two_cameras_of_one_shape_are_told_apart_by_what_they_show(tmp_path: Pat
 
 
 @BOTH
+def test_a_camera_that_nobody_looked_at(kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """It cannot be looked at any more, which is said; whoever trains from nothing has chosen cameras by hand."""
+    top, wrist = "observation.images.top", "observation.images.wrist"
+    features = {top: tiny_datasets.CAMERA, "action": tiny_datasets.MOVE}
+    one = tiny_datasets.write(tmp_path / "one", features)
+    two = tiny_datasets.write(tmp_path / "two", {**features, wrist: tiny_datasets.CAMERA})
+
+    with caplog.at_level(logging.WARNING):
+        checkpoint = save(training(kind, one).warm_up(), tmp_path / "before")
+        FineTuning(checkpoint, one).warm_up()
+        assert "trained without" not in caplog.text
+        FineTuning(checkpoint, two).warm_up()
+
+    (said,) = [line for line in caplog.messages if "trained without" in line]
+    assert said == (
+        f"{two}: the checkpoint was trained without `{wrist}` and goes on without: only a new policy can use it"
+    )
+
+
+@BOTH
 def test_instructions_with_words_that_nobody_taught(
     kind: str, continuous: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
