@@ -237,6 +237,9 @@ def test_affordance(
 def test_rephrase(
     tabletop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "log.txt").touch()  # as `lisa-reproduce` leaves one in the folder of every step
+
     assert diagnose(monkeypatch, "rephrase", tabletop, tmp_path / "out", "--env.type=lorel", "--n_episodes=1") == 0
 
     rows = pd.read_csv(tmp_path / "out" / "rephrase.csv").set_index("part")

@@ -32,7 +32,7 @@ def measure(config: EvaluationConfig) -> Trace:
         raise UserError(f"--env.type={config.env.type}: the rephrasals are lorel's")
     everything = copy(config)
     everything.env = replace(config.env, task="rephrasals")
-    return record(everything, config.output_dir)
+    return record(everything, config.output_dir / "rephrase")
 
 
 def table(trace: Trace) -> pd.DataFrame:
