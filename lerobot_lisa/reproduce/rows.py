@@ -71,7 +71,7 @@ class Row:
     @property
     def world(self) -> str:
         """What decides how long things take: a BabyAI level, Meta-World's tasks, or LOReL with states or images."""
-        seen = "images" if self.data.get("images") else "states"
+        seen = "images" if self.data.get("images") or self.data.get("image_size") else "states"
         return self.data.get("level") or f"{self.data.get('tasks', 'LOReL')} {seen}"
 
     def differences(self, policy: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from lerobot_options import read_training
 from lerobot_lisa.envs.babyai.levels import LEVELS
 from lerobot_lisa.envs.lorel.random_floor import random_floor
 from lerobot_lisa.envs.lorel.suites import SUITES
+from lerobot_lisa.envs.metaworld_states.tasks import find_tasks
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.reproduce import command
 from lerobot_lisa.reproduce.command import main
@@ -113,6 +114,16 @@ def test_a_row_of_meta_world() -> None:
     assert "--dataset.repo_id=local/mt10_states_50" in train.command
     assert {"--env.type=metaworld_states", "--env.task=MT10"} <= set(heard.command)
     assert {"metaworld", "mujoco"} == data.depends["versions"].keys()
+
+
+def test_meta_world_from_pictures() -> None:
+    """Pictures are made as small as the demonstrations', and all ten tasks are named: LeRobot has no MT10."""
+    data, train, heard = next(run.steps for run in RUNS if run.row.name == "ours.metaworld_mt10")
+    assert "--image-size=128" in data.command
+    assert train.depends["config"]["policy"]["image_size"] == 128
+    (named,) = (word.partition("=")[2] for word in heard.command if word.startswith("--env.task="))
+    assert tuple(named.split(",")) == find_tasks("MT10")
+    assert data.seconds > 30 * 60
 
 
 def test_a_policy_without_a_recipe_is_told_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
