@@ -15,9 +15,11 @@ from lerobot_lisa.reproduce.plan import Run
 from lerobot_lisa.reproduce.rows import MAIN, Row, read_rows
 from lerobot_lisa.reproduce.side_by_side import side_by_side
 from lerobot_lisa.reproduce.tables import by_policy
+from lerobot_lisa.reproduce.unseen_words import unseen_words
 
 FOLDER, PAGE = Path("docs/results"), Path("docs/results.md")
 _BLOCK = re.compile(r"(<!-- (?P<kind>runs|figure): (?P<name>\w+) -->\n).*?(<!-- end of (?P=kind) -->)", re.DOTALL)
+_SPECIAL = {"parts": by_part, "unseen": unseen_words}
 _PAIRED = ("lorel", "metaworld")  # worlds whose tables have LISA and Lang-DT side by side
 
 
@@ -48,9 +50,9 @@ def render(page: str, folder: Path = FOLDER) -> str:
 
 
 def _block(name: str, rows: Mapping[str, Row], folder: Path) -> str:
-    """A table of rows (`ablations`), all of the paper's main tables and ours about a world (`babyai`), or `parts`."""
-    if name == "parts":
-        return by_part(read_published(folder), rows.values())
+    """A table of rows (`ablations`), all of the main tables and ours about a world (`babyai`), or a special one."""
+    if name in _SPECIAL:
+        return _SPECIAL[name](read_published(folder), rows.values())
     chosen = [row for row in rows.values() if row.table == name and not row.parts]
     chosen = chosen or [row for row in rows.values() if row.table in MAIN and row.family == name]
     elsewhere = {row.title for row in rows.values()} - {row.title for row in chosen}

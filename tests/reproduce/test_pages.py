@@ -12,6 +12,7 @@ from lerobot_lisa.reproduce.by_part import by_part
 from lerobot_lisa.reproduce.results import render, render_page
 from lerobot_lisa.reproduce.rows import read_rows
 from lerobot_lisa.reproduce.side_by_side import side_by_side
+from lerobot_lisa.reproduce.unseen_words import unseen_words
 
 ROWS = read_rows()
 
@@ -106,6 +107,20 @@ def test_information_is_drawn_by_what_was_varied() -> None:
     assert drawn is not None
     told = {axes.get_title(): [line.get_label() for line in axes.lines] for axes in drawn.axes}
     assert told == {"BossLevel, horizon": ["5", "50"], "BossLevel, number of skills": ["20"]}
+
+
+def test_unseen_instructions_of_all_and_by_form() -> None:
+    rate = {"unseen": {"percent": 41.54, "low": 40.6, "high": 42.51, "episodes": 10000}}
+    forms = {
+        form: {"unseen": {"percent": 50.0, "episodes": 3274}}
+        for form in ("one after another", "single action", "two in any order")
+    }
+    table = unseen_words([run("table3.gotoseq_10k", "dataset", 0, rates=rate, parts=forms)], ROWS.values())
+    assert line(table, "GoToSeq 10k")[1:4] == ["41.5 % (40.6 to 42.5)", "63.8 %", "50.0 % of 3,274"]
+    assert line(table, "BossLevel 100k")[1] == "not run"
+    titles = [row.split(" | ")[0].removeprefix("| ") for row in table.splitlines()[2:]]
+    levels, sizes = ("GoToSeq", "SynthSeq", "BossLevel"), ("1k", "10k", "100k")
+    assert titles == [f"{level} {size}" for level in levels for size in sizes]
 
 
 def test_parts_of_an_evaluation_stand_beside_the_papers() -> None:
