@@ -29,15 +29,11 @@ def unseen_words(runs: Sequence[Outcome], rows: Iterable[Row]) -> str:
 
 def _line(row: Row, run: Outcome | None) -> Iterator[str]:
     yield row.title.partition(",")[0]
-    yield _share(run["rates"]["unseen"]) if run else cells.NOT_RUN
+    yield cells.success([{"rates": {"success": run["rates"]["unseen"]}}], bold=False) if run else cells.NOT_RUN
     yield cells.paper(row.paper.get(DATA_ONLY))
     for form in _FORMS:
         yield _count(run["parts"][form]["unseen"]) if run else ""
     yield cells.commits([run]) if run else ""
-
-
-def _share(rate: Mapping[str, float]) -> str:
-    return f"{rate['percent']:.1f} % ({rate['low']:.1f} to {rate['high']:.1f})"
 
 
 def _count(rate: Mapping[str, float]) -> str:
