@@ -31,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _declare(commit: str, why: str, files: Sequence[str]) -> None:
     known = json.loads(SAME_RESULTS.read_text(encoding="utf-8"))
-    new = [change for change in _changes(commit, files) if change["is"] not in {old["is"] for old in known}]
+    declared = {change["is"] for change in known}
+    new = [change for change in _changes(commit, files) if change["is"] not in declared]
     if not new:
         raise UserError(f"since {commit} no code has changed that is not declared yet")
     write_json([*known, *({**change, "why": why} for change in new)], SAME_RESULTS, indent=2)

@@ -66,7 +66,7 @@ def _block(name: str, rows: Mapping[str, Row], folder: Path) -> str:
 def _seen_first(row: Row) -> tuple[bool, int]:
     """States before images; what training knows before what it does not."""
     suites = ["seen", "compositions", "rephrasals", row.evaluate.get("env.task")]
-    return bool(row.data.get("images")), suites.index(row.evaluate.get("env.task"))
+    return row.pictures, suites.index(row.evaluate.get("env.task"))
 
 
 def publish(states: Iterable[tuple[Run, State]], root: Path = PACKAGE.parent) -> list[Path]:

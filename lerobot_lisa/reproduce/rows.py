@@ -71,8 +71,12 @@ class Row:
     @property
     def world(self) -> str:
         """What decides how long things take: a BabyAI level, Meta-World's tasks, or LOReL with states or images."""
-        seen = "images" if self.data.get("images") or self.data.get("image_size") else "states"
-        return self.data.get("level") or f"{self.data.get('tasks', 'LOReL')} {seen}"
+        return self.data.get("level") or f"{self.data.get('tasks', 'LOReL')} {'images' if self.pictures else 'states'}"
+
+    @property
+    def pictures(self) -> bool:
+        """Whether its demonstrations show pictures, however their converter is told so."""
+        return bool(self.data.get("images") or self.data.get("image_size"))
 
     def differences(self, policy: str) -> dict[str, Any]:
         """Options of `lerobot-train` in which a policy's training differs from its recipe."""

@@ -13,6 +13,10 @@ from lerobot_lisa.reproduce import declare
 FILE = "lerobot_lisa/networks.py"
 
 
+def git(folder: Path, *words: str) -> None:
+    subprocess.run(["git", "-C", str(folder), "-c", "user.name=a", "-c", "user.email=a@b", *words], check=True)
+
+
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A repository with one committed file, in place of ours."""
@@ -20,9 +24,9 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     same.parent.mkdir()
     same.write_text("[]\n")
     (tmp_path / FILE).write_text("x = 1\n")
-    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
-    for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "one"]):
-        subprocess.run([*git, *words], check=True)
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-qm", "one")
     monkeypatch.setattr(declare, "_CHECKOUT", tmp_path)
     for module in (declare, code_version):
         monkeypatch.setattr(module, "SAME_RESULTS", same)
@@ -65,7 +69,7 @@ def test_a_change_after_a_declared_one(checkout: Path, means: Callable[[str], st
     first = means("x = 1\n")
     means("x = 2 - 1\n")
     assert declare.main(["HEAD", "one is one"]) == 0
-    subprocess.run(["git", "-C", str(checkout), "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qam", "2"])
+    git(checkout, "commit", "-qam", "two")
     means("x = 3 - 2\n")
     assert declare.main(["HEAD", "one is still one"]) == 0
     assert means("x = 3 - 2\n") == first
