@@ -92,9 +92,10 @@ def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | N
     before = data(row, settings) if kind == DATA_ONLY else training(row, kind, seed, settings)
     if before is None:
         return None
-    program = row.evaluate.get("program", HEARD)
+    evaluate = row.evaluation(kind)
+    program = evaluate.get("program", HEARD)
     module, result = PROGRAMS[program]
-    options = {key: value for key, value in row.evaluate.items() if key not in ("program", "tasks")}
+    options = {key: value for key, value in evaluate.items() if key not in ("program", "tasks")}
     if kind == DATA_ONLY:
         taken = {"dataset.root": before.folder / "data", **options, "json": f"{{folder}}/{result}"}
     else:
@@ -115,12 +116,12 @@ def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | N
         template=(*program.split(), *as_words(taken)),
         result=result,
         after=(before,),
-        seconds=_seconds_of_evaluation(row),
+        seconds=_seconds_of_evaluation(row, evaluate),
     )
 
 
-def _seconds_of_evaluation(row: Row) -> float:
-    episodes = int(row.evaluate.get("n_episodes", row.evaluate.get("n", 100))) * int(row.evaluate.get("tasks", 1))
+def _seconds_of_evaluation(row: Row, evaluate: Mapping[str, Any]) -> float:
+    episodes = int(evaluate.get("n_episodes", evaluate.get("n", 100))) * int(evaluate.get("tasks", 1))
     if row.policies == (DATA_ONLY,):
         return speeds.SECONDS_TO_START + episodes * speeds.SECONDS_FOR_A_MISSION
     return speeds.seconds_of_evaluation(row.world, episodes)

@@ -32,6 +32,7 @@ class Row:
         start: Name of a row whose policy of the same kind and seed training starts from; empty: from nothing.
         evaluate: `program` (default: `lisa-diagnose heard`) and how many `tasks` it runs (default: 1), for estimates;
             the rest are its options.
+        evaluate_by_policy: What differs from that, by policy.
         seeds: Of the trainings that are published.
         paper: Number of the paper in percent, and what it says behind +- (0 where it says nothing), by policy.
         parts: Numbers of the paper for parts of the evaluation, such as tasks: by part, then by policy.
@@ -50,6 +51,7 @@ class Row:
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     curve: tuple[int, ...] = ()
     start: str = ""
+    evaluate_by_policy: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     seeds: tuple[int, ...] = (0, 1)
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -81,6 +83,10 @@ class Row:
     def differences(self, policy: str) -> dict[str, Any]:
         """Options of `lerobot-train` in which a policy's training differs from its recipe."""
         return {**self.options.get("all", {}), **self.options.get(policy, {})}
+
+    def evaluation(self, policy: str) -> dict[str, Any]:
+        """How a policy is evaluated: `program`, `tasks`, and the program's options."""
+        return {**self.evaluate, **self.evaluate_by_policy.get(policy, {})}
 
 
 def find_configs() -> Path:

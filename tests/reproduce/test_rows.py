@@ -67,6 +67,22 @@ def test_warm_ups_end_halfway() -> None:
             assert config.policy.quantizer_warmup_steps == config.steps // 2, label
 
 
+def test_curves_begin_where_there_are_codes() -> None:
+    """During the warm-up of a training from nothing the codebook is empty, and its checkpoints cannot be evaluated."""
+    curves = [run for run in RUNS if "@" in run.policy and not run.row.start]
+    assert curves
+    for run in curves:
+        config = read(tuple(run.steps[-2].command))
+        assert int(run.policy.partition("@")[2]) > config.policy.quantizer_warmup_steps, run.row.name
+
+
+def test_a_policy_may_be_evaluated_otherwise() -> None:
+    """BabyAI's own network takes a quarter of a second to act, so fewer of its episodes are run."""
+    heard = {run.policy: run.step.command for run in RUNS if run.row.name == "table1.gotoseq_1k" and run.seed == 0}
+    assert "--n_episodes=500" in heard["lisa"]
+    assert "--n_episodes=100" in heard["babyai_rnn"]
+
+
 @pytest.mark.parametrize("row", [row for row in ROWS.values() if row.table == "table1"], ids=lambda row: row.name)
 def test_lisa_and_lang_dt_differ_only_in_the_policy(row: object) -> None:
     """The comparison is of methods: same data, same number of steps, same rates."""
