@@ -73,7 +73,9 @@ class Row:
     @property
     def world(self) -> str:
         """What decides how long things take: a BabyAI level, Meta-World's tasks, or LOReL with states or images."""
-        return self.data.get("level") or f"{self.data.get('tasks', 'LOReL')} {'images' if self.pictures else 'states'}"
+        tasks = self.data.get("tasks", "LOReL")
+        several = "Meta-World" if "," in tasks else tasks
+        return self.data.get("level") or f"{several} {'images' if self.pictures else 'states'}"
 
     @property
     def pictures(self) -> bool:

@@ -32,6 +32,7 @@ SPEEDS = {
     "LOReL images": Speed(20, 6.2, 4e-4, 0.4),
     "MT10 states": Speed(74, 0.77, 0.3e-4, 1.0),
     "MT10 images": Speed(99, 0.022, 5e-4, 40),
+    "Meta-World images": Speed(80, 0.055, 1.5e-4, 40),
 }
 """Measured 2026-11-24 and 25: docs/performance.md, docs/scale.md, docs/metaworld.md and the logs of the runs in
 docs/results. Demonstrations of MT10 count for each of ten tasks; how long its evaluation takes is a guess. With
