@@ -18,6 +18,7 @@ from lerobot_lisa.reproduce.tables import place
 FOLDER = "figures/results"  # in docs
 _WIDTH, _BAR = 8.0, 0.38  # inches that a figure is wide and that a bar takes
 _STYLES = ("-", "--", ":", "-.")  # of lines: told apart without colors
+_MARKERS = ("o", "s", "^", "D")
 _VARIED = {"horizon": re.compile(r", horizon (\d+)$"), "number of skills": re.compile(r", (\d+) skills$")}
 
 
@@ -50,30 +51,32 @@ def beside_paper(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:
 
 
 def learning_curves(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:
-    """Success after so many steps, from nothing and from another level's skills; None: fewer than two points."""
+    """Success after so many steps, from nothing and from another level's skills; None: no curve has two points."""
     levels: dict[str, list[tuple[str, list[tuple[int, Outcome]]]]] = {}
     for row in rows:
-        points = sorted(_points(runs, row), key=lambda point: point[0]) if row.curve else []
-        if len({steps for steps, _ in points}) > 1:
+        if row.curve and (points := sorted(_points(runs, row), key=lambda point: point[0])):
             levels.setdefault(row.data["level"], []).append((row.title.partition(", ")[2], points))
+    levels = {level: curves for level, curves in levels.items() if any(len(points) > 1 for _, points in curves)}
     if not levels:
         return None
     figure = new_figure(_WIDTH, 3.2)
     for number, (level, curves) in enumerate(levels.items()):
         axes = figure.add_subplot(1, len(levels), number + 1)
-        for style, (name, points) in zip(_STYLES, curves, strict=False):
-            _draw_curve(axes, name, points, style)
+        for style, marker, (name, points) in zip(_STYLES, _MARKERS, curves, strict=False):
+            _draw_curve(axes, name, points, style, marker)
         axes.set(title=level, xlabel="steps of training", ylabel="success in percent", ylim=(0, 100))
         axes.legend()
     return figure
 
 
-def _draw_curve(axes: Axes, name: str, points: Sequence[tuple[int, Outcome]], style: str) -> None:
+def _draw_curve(axes: Axes, name: str, points: Sequence[tuple[int, Outcome]], style: str, marker: str) -> None:
+    """A line in its interval; what was evaluated once is a point with its interval."""
     steps = list(dict.fromkeys(at for at, _ in points))
     rates = [pooled([run for at, run in points if at == each]) for each in steps]
-    (line,) = axes.plot(steps, [rate.percent for rate in rates], style, marker="o", markersize=3, label=name)
+    (line,) = axes.plot(steps, [rate.percent for rate in rates], style, marker=marker, markersize=4, label=name)
     low, high = [rate.low for rate in rates], [rate.high for rate in rates]
-    axes.fill_between(steps, low, high, alpha=0.15, color=line.get_color(), linewidth=0)
+    draw = axes.vlines if len(steps) == 1 else axes.fill_between
+    draw(steps, low, high, alpha=0.15 if len(steps) > 1 else 0.5, color=line.get_color())
 
 
 def information(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:
