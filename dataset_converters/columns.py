@@ -86,7 +86,7 @@ def _numeric_column(values: np.ndarray, kind: pa.DataType) -> pa.Array:
 
 
 def _image_column(images: np.ndarray, kind: pa.DataType) -> pa.Array:
-    """PNG bytes with the file name that LeRobot's recorder would have used; packing them is nearly all of writing."""
+    """PNG bytes with the file name that LeRobot's recorder would have used; packing them is half of writing."""
     with ThreadPoolExecutor() as pool:  # Pillow lets other threads work meanwhile
         cells = [{"bytes": png, "path": f"frame-{i:06d}.png"} for i, png in enumerate(pool.map(_png, images))]
     return pa.array(cells, type=kind)

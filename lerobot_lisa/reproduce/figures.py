@@ -56,7 +56,7 @@ def learning_curves(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | No
     for row in rows:
         if row.curve and (points := sorted(_points(runs, row), key=lambda point: point[0])):
             levels.setdefault(row.data["level"], []).append((row.title.partition(", ")[2], points))
-    levels = {level: curves for level, curves in levels.items() if any(len(points) > 1 for _, points in curves)}
+    levels = {level: curves for level, curves in levels.items() if any(map(_moves, curves))}
     if not levels:
         return None
     figure = new_figure(_WIDTH, 3.2)
@@ -67,6 +67,10 @@ def learning_curves(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | No
         axes.set(title=level, xlabel="steps of training", ylabel="success in percent", ylim=(0, 100))
         axes.legend()
     return figure
+
+
+def _moves(curve: tuple[str, Sequence[tuple[int, Outcome]]]) -> bool:
+    return len({steps for steps, _ in curve[1]}) > 1
 
 
 def _draw_curve(axes: Axes, name: str, points: Sequence[tuple[int, Outcome]], style: str, marker: str) -> None:

@@ -77,7 +77,7 @@ def test_curves_begin_where_there_are_codes() -> None:
 
 
 def test_a_policy_may_be_evaluated_otherwise() -> None:
-    """BabyAI's own network takes a quarter of a second to act, so fewer of its episodes are run."""
+    """BabyAI's own network is slow to act, so fewer of its episodes are run."""
     heard = {run.policy: run.step.command for run in RUNS if run.row.name == "table1.gotoseq_1k" and run.seed == 0}
     assert "--n_episodes=500" in heard["lisa"]
     assert "--n_episodes=100" in heard["babyai_rnn"]
