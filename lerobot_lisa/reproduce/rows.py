@@ -14,6 +14,7 @@ from lerobot_lisa.errors import UserError
 
 _DIGITS = re.compile(r"(\d+)")
 MAIN = ("ours", "table1", "table2")  # tables that are shown by worlds; others have a table of their own
+_BY_POLICY = ("options", "evaluate_by_policy")  # settings for one policy each
 DATA_ONLY = "dataset"  # the "policy" of a row that asks a dataset and trains nothing
 
 
@@ -188,6 +189,11 @@ def _typed(settings: Mapping[str, Any]) -> dict[str, Any]:
     known = {part.name for part in fields(Row)}
     if unknown := sorted(set(settings) - known):
         raise ValueError(f"`{unknown[0]}` is no setting of a row: choose from {', '.join(sorted(known))}")
+    for key in ("data", "evaluate", *_BY_POLICY):
+        _check_settings(key, settings.get(key, {}))
+    for key in _BY_POLICY:
+        for policy, of_policy in settings.get(key, {}).items():
+            _check_settings(f"{key}: {policy}", of_policy)
     typed = dict(settings)
     for key in ("policies", "seeds", "curve"):
         if key in typed:
@@ -195,6 +201,11 @@ def _typed(settings: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("paper", "peers"):
         typed[key] = dict(_numbers(settings.get(key, {})))
     return typed
+
+
+def _check_settings(name: str, value: Any) -> None:
+    if not isinstance(value, dict):
+        raise ValueError(f"`{name}` holds settings with names, not {value!r:.40}")
 
 
 def _numbers(listed: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
