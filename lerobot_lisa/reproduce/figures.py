@@ -79,8 +79,9 @@ def _draw_curve(axes: Axes, name: str, points: Sequence[tuple[int, Outcome]], st
     rates = [pooled([run for at, run in points if at == each]) for each in steps]
     (line,) = axes.plot(steps, [rate.percent for rate in rates], style, marker=marker, markersize=4, label=name)
     low, high = [rate.low for rate in rates], [rate.high for rate in rates]
-    draw = axes.vlines if len(steps) == 1 else axes.fill_between
-    draw(steps, low, high, alpha=0.15 if len(steps) > 1 else 0.5, color=line.get_color())
+    if len(steps) == 1:
+        axes.vlines(steps, low, high, alpha=0.5, color=line.get_color())
+    axes.fill_between(steps, low, high, alpha=0.15, color=line.get_color(), linewidth=0)
 
 
 def information(runs: Sequence[Outcome], rows: Iterable[Row]) -> Figure | None:

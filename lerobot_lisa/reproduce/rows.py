@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import yaml
 
@@ -14,7 +14,6 @@ from lerobot_lisa.errors import UserError
 
 _DIGITS = re.compile(r"(\d+)")
 MAIN = ("ours", "table1", "table2")  # tables that are shown by worlds; others have a table of their own
-_BY_POLICY = ("options", "evaluate_by_policy")  # settings for one policy each
 DATA_ONLY = "dataset"  # the "policy" of a row that asks a dataset and trains nothing
 
 
@@ -189,11 +188,9 @@ def _typed(settings: Mapping[str, Any]) -> dict[str, Any]:
     known = {part.name for part in fields(Row)}
     if unknown := sorted(set(settings) - known):
         raise ValueError(f"`{unknown[0]}` is no setting of a row: choose from {', '.join(sorted(known))}")
-    for key in ("data", "evaluate", *_BY_POLICY):
-        _check_settings(key, settings.get(key, {}))
-    for key in _BY_POLICY:
-        for policy, of_policy in settings.get(key, {}).items():
-            _check_settings(f"{key}: {policy}", of_policy)
+    for part in fields(Row):
+        if part.name in settings:
+            _check_settings(part.name, settings[part.name], part.type)
     typed = dict(settings)
     for key in ("policies", "seeds", "curve"):
         if key in typed:
@@ -203,9 +200,14 @@ def _typed(settings: Mapping[str, Any]) -> dict[str, Any]:
     return typed
 
 
-def _check_settings(name: str, value: Any) -> None:
+def _check_settings(name: str, value: Any, kind: Any) -> None:
+    """Where a row has settings with names, and settings within them, the file has them, too."""
+    if get_origin(kind) is not Mapping:
+        return
     if not isinstance(value, dict):
         raise ValueError(f"`{name}` holds settings with names, not {value!r:.40}")
+    for key, inner in value.items():
+        _check_settings(f"{name}: {key}", inner, get_args(kind)[1])
 
 
 def _numbers(listed: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:

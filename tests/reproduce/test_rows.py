@@ -206,6 +206,7 @@ def test_a_missing_extra_is_one_line_before_anything_runs(
         ("like: table1.gotoseq_1k\nevaluate: 5\n", "`evaluate` holds settings with names, not 5"),
         ("like: table1.gotoseq_1k\noptions: {all: 5}\n", "`options: all` holds settings with names, not 5"),
         ("like: table1.gotoseq_1k\nevaluate_by_policy: {lisa: [1]}\n", "`evaluate_by_policy: lisa` holds settings"),
+        ("like: table1.gotoseq_1k\npaper: 59.4\n", "`paper` holds settings with names, not 59.4"),
     ],
 )
 def test_a_row_that_cannot_be_read_is_one_line(text: str, said: str, tmp_path: Path) -> None:
