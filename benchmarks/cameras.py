@@ -36,6 +36,7 @@ from benchmarks.table import Aim, Row
 from lerobot_lisa.episodes.pictures import resized_shape
 from lerobot_lisa.episodes.store import EpisodeStore
 from lerobot_lisa.policies.base_modeling import EpisodePolicy
+from lerobot_lisa.policies.dataset_features import learn_statistics
 from lerobot_lisa.policies.lang_dt.modeling_lang_dt import LangDTPolicy
 from lerobot_lisa.policies.lisa.modeling_lisa import LisaPolicy
 
@@ -134,7 +135,7 @@ def _policy(kind: str, length: int) -> EpisodePolicy:
         device="cpu",
         push_to_hub=False,
     )
-    config.set_dataset_statistics(None, length or 1000)
+    learn_statistics(config, None, length or 1000)
     numbers = {"min": -3, "max": 3, "mean": 0, "std": 1}
     stats = {key: {name: torch.full((JOINTS,), float(n)) for name, n in numbers.items()} for key in (OBS_STATE, ACTION)}
     policy: EpisodePolicy = POLICIES[kind](config, stats)

@@ -55,7 +55,8 @@ def fingerprint(modules: Iterable[str]) -> dict[str, str]:
     for name, path in sorted(_closure(tuple(modules)).items()):
         package, inner, *_ = name.split(".")
         folder = inner if package == "lerobot_lisa" else package
-        folders.setdefault(folder, []).append(f"{name} {_meaning(path)}")
+        if what := _meaning(path):
+            folders.setdefault(folder, []).append(f"{name} {what}")
     return {name: hashlib.sha256("\n".join(files).encode()).hexdigest()[:10] for name, files in folders.items()}
 
 
@@ -100,7 +101,7 @@ def _imports(tree: ast.AST) -> Iterator[str]:
 
 @cache
 def _meaning(path: Path) -> str:
-    """Of a file; where it is declared to make the same results as before, that of before."""
+    """Of a file; where it is declared to make the same results as before, that of before: nothing, if it is new."""
     now = meaning(path.read_bytes())
     while now in _same_results():
         now = _same_results()[now]
@@ -109,7 +110,7 @@ def _meaning(path: Path) -> str:
 
 @cache
 def _same_results() -> dict[str, str]:
-    """Meanings of changed files, and what those files meant before (`python -m lerobot_lisa.reproduce.declare`)."""
+    """Meanings of changed and new files, and what they meant before (`python -m lerobot_lisa.reproduce.declare`)."""
     return {change["is"]: change["was"] for change in json.loads(SAME_RESULTS.read_text(encoding="utf-8"))}
 
 

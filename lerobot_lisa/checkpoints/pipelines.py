@@ -29,7 +29,8 @@ from torch import Tensor
 from lerobot_lisa.checkpoints.files import RETAKE, Files, refusing
 from lerobot_lisa.checkpoints.tokenizer import check_tokenizer
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.episode_settings import WORDS
 
 PREPROCESSOR = f"{POLICY_PREPROCESSOR_DEFAULT_NAME}.json"
 POSTPROCESSOR = f"{POLICY_POSTPROCESSOR_DEFAULT_NAME}.json"

@@ -10,7 +10,8 @@ from lerobot.configs import PreTrainedConfig, parser
 
 from lerobot_lisa.checkpoints.files import CONFIG, RETAKE, Files, find, refusing
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.episode_settings import WORDS
 from lerobot_lisa.policies.vision import PICTURES, of_torchvision
 
 _LARGEST = 2**20  # of a language encoder's sizes; the greatest vocabularies have a quarter of that

@@ -26,7 +26,8 @@ from tokenizers import Tokenizer, models, normalizers, pre_tokenizers
 from torch import Tensor
 
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.episode_settings import WORDS
 
 Stats = dict[str, dict[str, Any]]
 Pipelines = tuple[

@@ -12,7 +12,7 @@ from lerobot_lisa.episodes.check import check_metadata
 from lerobot_lisa.episodes.runs import task_runs
 from lerobot_lisa.episodes.symmetries import symmetry_words
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import (
     InstructionStep,
     build_vocabulary,
@@ -21,6 +21,8 @@ from lerobot_lisa.policies.base_processor import (
     saved_step,
     split_words,
 )
+from lerobot_lisa.policies.dataset_features import learn_statistics
+from lerobot_lisa.policies.episode_settings import WORDS
 from lerobot_lisa.policies.lexicon import said_phrases, symbol_words
 from lerobot_lisa.policies.parts import named_symbols
 
@@ -41,7 +43,7 @@ def learn_about(config: EpisodePolicyConfig, meta: "LeRobotDatasetMetadata") -> 
     check_metadata(meta, [key for key in named if key in meta.features])
     longest, goes_on = int(task_runs(meta).lengths.max()), bool(config.pretrained_path)
     _keep_still(meta.stats or {}, [key for key in named if key not in meta.camera_keys])
-    config.set_dataset_statistics(meta.stats, longest)
+    learn_statistics(config, meta.stats, longest)
     if goes_on:
         _learn_picture_sizes(config, meta)
     if goes_on and config.max_timesteps is not None:

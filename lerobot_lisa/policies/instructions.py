@@ -8,8 +8,9 @@ from lerobot.utils.constants import OBS_LANGUAGE_ATTENTION_MASK, OBS_LANGUAGE_TO
 from torch import Tensor
 
 from lerobot_lisa.errors import UserError
-from lerobot_lisa.policies.base_configuration import WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import InstructionStep, make_tokenizer, split_words
+from lerobot_lisa.policies.episode_settings import WORDS
 
 _WARNINGS = 1000  # who speaks freely to a robot is not to fill its memory
 

@@ -16,8 +16,9 @@ from lerobot_lisa.networks.language import LanguageEncoder, PretrainedEncoder, W
 from lerobot_lisa.networks.observations import AskingSpec, ObservationEncoder, ObservationSpec
 from lerobot_lisa.networks.parts import PartAttention
 from lerobot_lisa.networks.real_actions import BinsHead, MeanHead, MixtureHead
-from lerobot_lisa.policies.base_configuration import SYMBOLS, WORDS, EpisodePolicyConfig
+from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.base_processor import missing_language_encoder
+from lerobot_lisa.policies.episode_settings import SYMBOLS, WORDS
 from lerobot_lisa.policies.lexicon import Symbols, symbol_names, symbol_words, symbols_of
 from lerobot_lisa.policies.pretrained import TEXT, fetched, note, rebuilt
 

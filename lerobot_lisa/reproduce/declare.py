@@ -2,8 +2,9 @@
 
 python -m lerobot_lisa.reproduce.declare dea56fa "finite scalars can be built without memory; nothing else reads this"
 
-It adds each changed file to lerobot_lisa/same_results.json. One more change of the file, and rows that use it are stale
-again. docs/reproduce.md says how to see first that it is true.
+It adds each changed and each new file to lerobot_lisa/same_results.json. One more change of the file, and rows that use
+it are stale again; a file that is gone makes them stale whatever is declared. docs/reproduce.md says how to see first
+that it is true.
 """
 
 import argparse
@@ -40,11 +41,12 @@ def _declare(commit: str, why: str, files: Sequence[str]) -> None:
 
 
 def _changes(commit: str, files: Sequence[str]) -> Iterator[dict[str, str]]:
-    """Files that mean something else than at a commit; new files and those that are gone mean nothing by themselves."""
-    where = files or ("lerobot_lisa", "dataset_converters")
-    for file in _git("diff", "--name-only", "--diff-filter=M", commit, "--", *where).split():
-        was, now = meaning(_git("show", f"{commit}:{file}").encode()), meaning((_CHECKOUT / file).read_bytes())
-        if was != now:
+    """Files of code that mean something else than at a commit; what is new has meant nothing."""
+    where = files or ("lerobot_lisa/*.py", "dataset_converters/*.py")
+    for line in _git("diff", "--name-status", "--no-renames", "--diff-filter=AM", commit, "--", *where).splitlines():
+        status, file = line.split("\t")
+        was = "" if status == "A" else meaning(_git("show", f"{commit}:{file}").encode())
+        if was != (now := meaning((_CHECKOUT / file).read_bytes())):
             yield {"file": file, "was": was, "is": now}
 
 

@@ -13,6 +13,7 @@ from tiny_policies import config, training
 
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
+from lerobot_lisa.policies.dataset_features import learn_statistics
 
 EVERY = pytest.mark.parametrize("kind", ["lisa", "lang_dt", "babyai_rnn", "lang_bc"])
 GRID = PolicyFeature(FeatureType.STATE, (147,))
@@ -28,7 +29,7 @@ def described(
     settings = {"input_features": {"observation.grid": GRID}, "output_features": {"action": ACTION}, **settings}
     cfg = config(kind, **settings)
     cfg.set_dataset_feature_metadata(features)
-    cfg.set_dataset_statistics(stats, longest=23)
+    learn_statistics(cfg, stats, longest=23)
     return cfg
 
 

@@ -2,7 +2,7 @@
 
 import json
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -38,16 +38,24 @@ def means(checkout: Path) -> Callable[[str], str]:
     """What the file means with other code in it, for who looks at declarations."""
 
     def write(code: str) -> str:
+        forget()
         (checkout / FILE).write_text(code)
-        code_version._same_results.cache_clear()
-        return code_version._meaning.__wrapped__(checkout / FILE)
+        return code_version._meaning(checkout / FILE)
 
     return write
 
 
+def forget() -> None:
+    """What is cached of files: they change here."""
+    for name in ("_closure", "_source", "_imported", "_meaning", "_same_results"):
+        getattr(code_version, name).cache_clear()
+
+
 @pytest.fixture(autouse=True)
-def _declarations_are_read_again() -> None:
-    code_version._same_results.cache_clear()
+def _files_are_read_again(checkout: Path) -> Iterator[None]:
+    forget()
+    yield
+    forget()
 
 
 def test_what_is_declared_means_what_it_meant(
@@ -73,6 +81,27 @@ def test_a_change_after_a_declared_one(checkout: Path, means: Callable[[str], st
     means("x = 3 - 2\n")
     assert declare.main(["HEAD", "one is still one"]) == 0
     assert means("x = 3 - 2\n") == first
+
+
+def test_code_that_has_moved_to_a_new_file(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = checkout / "lerobot_lisa"
+    monkeypatch.setattr(code_version, "PACKAGE", package)
+
+    def fingerprint() -> dict[str, str]:
+        forget()
+        return code_version.fingerprint(["lerobot_lisa.networks"])
+
+    first = fingerprint()
+    (package / "moved.py").write_text("y = 1\n")
+    (checkout / FILE).write_text("from lerobot_lisa.moved import y as x\n")
+    git(checkout, "add", ".")
+    assert fingerprint() != first
+
+    assert declare.main(["HEAD", "one is one, wherever it is"]) == 0
+
+    assert fingerprint() == first
+    (package / "moved.py").write_text("y = 2\n")
+    assert fingerprint().keys() == {"networks", "moved"}
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from lerobot_lisa.networks.babyai_rnn import BabyAIRNN
 from lerobot_lisa.networks.backbones import Backbone
 from lerobot_lisa.networks.film import FilmGridEncoder
 from lerobot_lisa.policies.babyai_rnn.configuration_babyai_rnn import BabyAIRNNConfig
-from lerobot_lisa.policies.base_configuration import SYMBOLS
 from lerobot_lisa.policies.baseline_modeling import BaselinePolicy
+from lerobot_lisa.policies.episode_settings import SYMBOLS
 from lerobot_lisa.policies.parts import (
     make_language_encoder,
     make_last_head,

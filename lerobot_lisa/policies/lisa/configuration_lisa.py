@@ -6,6 +6,7 @@ from typing import ClassVar
 from lerobot.configs import FeatureType, PreTrainedConfig
 
 from lerobot_lisa.errors import UserError
+from lerobot_lisa.policies.accepted_settings import check_choice
 from lerobot_lisa.policies.base_configuration import EpisodePolicyConfig
 from lerobot_lisa.policies.lisa.quantizer_choices import QUANTIZERS, codebook_sizes, n_codes
 
@@ -115,8 +116,8 @@ class LisaConfig(EpisodePolicyConfig):
     def __post_init__(self) -> None:
         """Refuse settings that cannot work, before anything is loaded or allocated."""
         super().__post_init__()
-        self._check_choice("skill_predictor", ("transformer", "mlp"))
-        self._check_choice("quantizer", tuple(QUANTIZERS))
+        check_choice(self, "skill_predictor", ("transformer", "mlp"))
+        check_choice(self, "quantizer", tuple(QUANTIZERS))
         if self.n_own_parts and (self.quantizer != "vq" or not self.copy_words):
             raise UserError("--policy.n_own_parts are beside copied phrases in a codebook: they need vq and copy_words")
         if self.freeze_codebook and self.quantizer == "continuous":
