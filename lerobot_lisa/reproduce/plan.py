@@ -116,15 +116,15 @@ def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | N
         template=(*program.split(), *as_words(taken)),
         result=result,
         after=(before,),
-        seconds=_seconds_of_evaluation(row, evaluate),
+        seconds=_seconds_of_evaluation(row, kind, evaluate),
     )
 
 
-def _seconds_of_evaluation(row: Row, evaluate: Mapping[str, Any]) -> float:
+def _seconds_of_evaluation(row: Row, policy: str, evaluate: Mapping[str, Any]) -> float:
     episodes = int(evaluate.get("n_episodes", evaluate.get("n", 100))) * int(evaluate.get("tasks", 1))
     if row.policies == (DATA_ONLY,):
         return speeds.SECONDS_TO_START + episodes * speeds.SECONDS_FOR_A_MISSION
-    return speeds.seconds_of_evaluation(row.world, episodes)
+    return speeds.seconds_of_evaluation(row.world, policy, episodes)
 
 
 def training(row: Row, policy: str, seed: int, settings: Settings) -> Step | None:
@@ -147,7 +147,7 @@ def training(row: Row, policy: str, seed: int, settings: Settings) -> Step | Non
         template=("lerobot-train", f"--config_path={path}", *words),
         result=f"run/checkpoints/{_checkpoint_name(steps)}/training_state/scheduler_state.json",
         after=(demonstrations, start) if start else (demonstrations,),
-        seconds=speeds.seconds_of_training(row.world, steps, int(whole.get("batch_size", 8))),
+        seconds=speeds.seconds_of_training(row.world, policy, steps, int(whole.get("batch_size", 8))),
         going_on="run/checkpoints/last/pretrained_model/train_config.json",
     )
 

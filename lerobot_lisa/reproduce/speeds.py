@@ -39,20 +39,38 @@ docs/results. Demonstrations of MT10 count for each of ten tasks; how long its e
 images all of it is one, from what drawing costs."""
 
 
+class Cost(NamedTuple):
+    """Of a policy, as a multiple of LISA's.
+
+    Attributes:
+        training: Of a frame.
+        evaluation: Of an episode.
+    """
+
+    training: float = 1
+    evaluation: float = 1
+
+
+COSTS = {
+    "babyai_rnn": Cost(8, 2.5),  # six convolutions over a grid of 22 x 22 cells
+    "lorel_planner": Cost(0.5, 8),  # 200 imagined episodes for each action
+}
+
+
 def seconds_of_data(world: str, episodes: int) -> float:
     """To make a dataset."""
     return SECONDS_TO_START + episodes / _speed(world).demonstrations
 
 
-def seconds_of_training(world: str, steps: int, batch: int) -> float:
+def seconds_of_training(world: str, policy: str, steps: int, batch: int) -> float:
     """To train, with 30 ms of each step for what does not depend on frames."""
-    speed = _speed(world)
-    return SECONDS_TO_START + steps * (0.03 + batch * speed.frames * speed.training)
+    speed, cost = _speed(world), COSTS.get(policy, Cost())
+    return SECONDS_TO_START + steps * (0.03 + batch * speed.frames * speed.training * cost.training)
 
 
-def seconds_of_evaluation(world: str, episodes: int) -> float:
+def seconds_of_evaluation(world: str, policy: str, episodes: int) -> float:
     """To run episodes told their own instruction and told another one."""
-    return SECONDS_TO_START + episodes * _speed(world).evaluation
+    return SECONDS_TO_START + episodes * _speed(world).evaluation * COSTS.get(policy, Cost()).evaluation
 
 
 def shown(seconds: float) -> str:

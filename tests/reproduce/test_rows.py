@@ -114,6 +114,14 @@ def test_rows_share_what_is_the_same() -> None:
     assert of_table.steps[0].folder == chosen["table3.bosslevel_1k"].steps[0].folder
 
 
+def test_estimates_know_what_a_policy_costs() -> None:
+    """BabyAI's network trains 2,000 steps of GoToSeq in hours, as docs/baselines.md says, LISA in minutes."""
+    chosen = {run.policy: run for run in RUNS if run.row.name == "table1.gotoseq_1k" and run.seed == 0}
+    train = {policy: run.steps[1].seconds / 3600 for policy, run in chosen.items()}
+    assert train["lisa"] == train["lang_dt"] < 0.5
+    assert 2 < train["babyai_rnn"] < 3
+
+
 def test_random_actions_are_those_of_the_world() -> None:
     for row in ROWS.values():
         if row.family == "lorel":
