@@ -6,7 +6,7 @@ import json
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -42,7 +42,7 @@ def _git(*arguments: str) -> str:
     return told.stdout.strip()
 
 
-def fingerprint(modules: Iterable[str]) -> dict[str, str]:
+def fingerprint(modules: Iterable[str], options: Set[str] = frozenset()) -> dict[str, str]:
     """What our code does that modules import, directly or not: for each folder some letters.
 
     Only another meaning changes them: comments, docstrings and layout do not, nor do files that are not imported, nor
@@ -50,12 +50,13 @@ def fingerprint(modules: Iterable[str]) -> dict[str, str]:
 
     Args:
         modules: By their full names, such as "lerobot_lisa.policies.lisa.modeling_lisa".
+        options: Those that are in use, such as "policy.termination_stride": a change may be declared unless one is.
     """
     folders: dict[str, list[str]] = {}
     for name, path in sorted(_closure(tuple(modules)).items()):
         package, inner, *_ = name.split(".")
         folder = inner if package == "lerobot_lisa" else package
-        if what := _meaning(path):
+        if what := _meaning(path, frozenset(options)):
             folders.setdefault(folder, []).append(f"{name} {what}")
     return {name: hashlib.sha256("\n".join(files).encode()).hexdigest()[:10] for name, files in folders.items()}
 
@@ -100,18 +101,18 @@ def _imports(tree: ast.AST) -> Iterator[str]:
 
 
 @cache
-def _meaning(path: Path) -> str:
+def _meaning(path: Path, options: frozenset[str] = frozenset()) -> str:
     """Of a file; where it is declared to make the same results as before, that of before: nothing, if it is new."""
     now = meaning(path.read_bytes())
-    while now in _same_results():
-        now = _same_results()[now]
+    while (change := _same_results().get(now)) and change.get("unless") not in options:
+        now = change["was"]
     return now
 
 
 @cache
-def _same_results() -> dict[str, str]:
-    """Meanings of changed and new files, and what they meant before (`python -m lerobot_lisa.reproduce.declare`)."""
-    return {change["is"]: change["was"] for change in json.loads(SAME_RESULTS.read_text(encoding="utf-8"))}
+def _same_results() -> dict[str, dict[str, str]]:
+    """Changes that change no result, by what files mean now (`python -m lerobot_lisa.reproduce.declare`)."""
+    return {change["is"]: change for change in json.loads(SAME_RESULTS.read_text(encoding="utf-8"))}
 
 
 def meaning(source: bytes) -> str:

@@ -11,7 +11,7 @@ import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from lerobot_lisa.analysis.files import write_json
 from lerobot_lisa.code_version import PACKAGE, SAME_RESULTS, meaning
@@ -26,17 +26,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("commit", help="the last one whose results are known")
     parser.add_argument("why", help="why results are the same, and what showed it")
     parser.add_argument("files", nargs="*", help="only these (default: all that have changed)")
+    parser.add_argument("--unless", help="but results may change where this is set, such as policy.termination_stride")
     options = parser.parse_args(arguments)
-    return exit_code(lambda: _declare(options.commit, options.why, options.files))
+    said = {"why": options.why, **({"unless": options.unless} if options.unless else {})}
+    return exit_code(lambda: _declare(options.commit, options.files, said))
 
 
-def _declare(commit: str, why: str, files: Sequence[str]) -> None:
+def _declare(commit: str, files: Sequence[str], said: Mapping[str, str]) -> None:
     known = json.loads(SAME_RESULTS.read_text(encoding="utf-8"))
     declared = {change["is"] for change in known}
     new = [change for change in _changes(commit, files) if change["is"] not in declared]
     if not new:
         raise UserError(f"since {commit} no code has changed that is not declared yet")
-    write_json([*known, *({**change, "why": why} for change in new)], SAME_RESULTS, indent=2)
+    write_json([*known, *({**change, **said} for change in new)], SAME_RESULTS, indent=2)
     print(*(f"declared: {change['file']}" for change in new), sep="\n")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from lerobot_lisa.code_version import fingerprint
 from lerobot_lisa.errors import UserError
 from lerobot_lisa.reproduce import speeds
-from lerobot_lisa.reproduce.recipes import as_words, read_recipe, what_decides, with_options
+from lerobot_lisa.reproduce.recipes import as_words, in_use, read_recipe, what_decides, with_options
 from lerobot_lisa.reproduce.rows import DATA_ONLY, Row, find_configs
 from lerobot_lisa.reproduce.steps import Step
 
@@ -101,7 +101,7 @@ def evaluation(row: Row, policy: str, seed: int, settings: Settings) -> Step | N
     else:
         taken = {"policy.path": checkpoint(before, at), **_device(settings), **options, "output_dir": "{folder}"}
     name, world = program.split()[-1].removeprefix("lisa-"), f"lerobot_lisa.envs.{options.get('env.type', 'babyai')}"
-    code = fingerprint([module, f"{world}.env", f"{world}.config"])
+    code = fingerprint([module, f"{world}.env", f"{world}.config"], in_use(before.depends.get("config", {})))
     return Step(
         kind=name,
         label=_label(row, policy, seed),
@@ -163,7 +163,7 @@ def _what_training_depends_on(
         "config": what_decides(whole),
         "data": demonstrations.depends,
         "start": start.depends if start else None,
-        "code": fingerprint([f"{module}.modeling_{kind}", f"{module}.processor_{kind}"]),
+        "code": fingerprint([f"{module}.modeling_{kind}", f"{module}.processor_{kind}"], in_use(what_decides(whole))),
         "versions": _versions("lerobot", "torch", "vector-quantize-pytorch", "transformers"),
     }
 

@@ -52,6 +52,13 @@ def what_decides(settings: Mapping[str, Any]) -> dict[str, Any]:
     return kept
 
 
+def in_use(settings: Mapping[str, Any], group: str = "") -> frozenset[str]:
+    """Names of the settings that are neither off nor 0 nor empty, with dots: "policy.termination_stride"."""
+    names = {f"{group}{name}" for name, value in settings.items() if value}
+    groups = [in_use(value, f"{group}{name}.") for name, value in settings.items() if isinstance(value, Mapping)]
+    return frozenset(names.union(*groups))
+
+
 def as_words(options: Mapping[str, Any]) -> list[str]:
     """Options as words of a command line."""
     return [f"--{name}={_as_word(value)}" for name, value in options.items()]

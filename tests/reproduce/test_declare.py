@@ -121,6 +121,19 @@ def test_nothing_to_declare(
     assert (checkout / "lerobot_lisa" / "same_results.json").read_text() == "[]\n"
 
 
+def test_a_change_that_changes_nothing_unless_an_option_is_set(checkout: Path) -> None:
+    def fingerprint(*options: str) -> str:
+        forget()
+        return code_version._meaning(checkout / FILE, frozenset(options))
+
+    first = fingerprint()
+    (checkout / FILE).write_text("x = 2 - 1\n")
+    assert declare.main(["HEAD", "only a late one is another", "--unless", "policy.late"]) == 0
+
+    assert fingerprint() == fingerprint("policy.early") == first
+    assert fingerprint("policy.early", "policy.late") not in (first, "")
+
+
 def test_what_is_declared_here() -> None:
     """Each change once, with its reason, and none leads back to itself."""
     changes = json.loads(code_version.SAME_RESULTS.read_text(encoding="utf-8"))
