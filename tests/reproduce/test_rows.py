@@ -1,5 +1,6 @@
 """Rows are differences: what they are made of can be read by LeRobot, and a mistake in one is a line."""
 
+import json
 from functools import cache
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot_options import read_training
 
+from lerobot_lisa.code_version import SAME_RESULTS
 from lerobot_lisa.envs.babyai.levels import LEVELS
 from lerobot_lisa.envs.lorel.random_floor import random_floor
 from lerobot_lisa.envs.lorel.suites import SUITES
@@ -15,6 +17,7 @@ from lerobot_lisa.errors import UserError
 from lerobot_lisa.reproduce import command
 from lerobot_lisa.reproduce.command import main
 from lerobot_lisa.reproduce.plan import Run, Settings, plan
+from lerobot_lisa.reproduce.recipes import in_use
 from lerobot_lisa.reproduce.rows import choose, find_configs, read_rows
 
 ROWS = read_rows()
@@ -112,6 +115,18 @@ def test_rows_share_what_is_the_same() -> None:
     assert of_table.steps[1].key == of_ablation.steps[1].key
     assert of_table.steps[1].key != chosen["ablations.horizon_5"].steps[1].key
     assert of_table.steps[0].folder == chosen["table3.bosslevel_1k"].steps[0].folder
+
+
+def test_settings_that_are_in_use() -> None:
+    settings = {"steps": 5, "seed": 0, "policy": {"horizon": 20, "termination_stride": 0, "skill_plan": None}}
+    assert in_use(settings) == {"steps", "policy", "policy.horizon"}
+
+
+def test_declared_changes_matter_where_a_row_has_their_option() -> None:
+    """Otherwise the option is misspelled, and rows are taken for what they are not."""
+    used = frozenset().union(*(in_use(step.depends.get("config", {})) for run in RUNS for step in run.steps))
+    for change in json.loads(SAME_RESULTS.read_text(encoding="utf-8")):
+        assert change.get("unless", "policy") in used
 
 
 def test_estimates_know_what_a_policy_costs() -> None:
