@@ -98,12 +98,24 @@ class Termination(nn.Module):
     def _charge(self, answers: Quantized, asked: Packing, frames: int) -> Tensor:
         """For codes that are changed too often.
 
-        How often is counted, and the gradient is that of the squared distances between codes that follow one another:
-        straight through, it draws the two answers together.
+        How often is counted, and the gradient is that of `_unrest`: straight through, it draws answers together that
+        follow one another.
         """
         if answers.codes is None or self.every == self.horizon:  # then nothing is ended
             return answers.embeddings.new_zeros(())
-        changed = (asked.steps != 0) & (answers.codes != answers.codes.roll(1))
-        distances = (answers.embeddings - answers.embeddings.roll(1, 0)).flatten(1).square().sum(1) * changed
-        count = distances.sum() / (distances.sum() / changed.sum().clamp(min=1)).detach().clamp(min=1e-12)
+        follows = asked.steps != 0
+        changed = follows & (answers.codes != answers.codes.roll(1))
+        unrest = _unrest(answers.embeddings, follows)
+        count = changed.sum() + unrest - unrest.detach()
         return self.weight * F.relu(count * self.steps / frames - 1)
+
+
+def _unrest(embeddings: Tensor, follows: Tensor) -> Tensor:
+    """How far answers (Q, parts, E) are from those that they follow, as a share of how far any two are, in all.
+
+    Each part counts against its own spread. Measured in absolute distances a part that no words hold apart would shrink
+    to a point, where it says another code at every question.
+    """
+    steps = ((embeddings - embeddings.roll(1, 0)).square().sum(2) * follows[:, None]).sum(0)
+    spread = 2 * (embeddings - embeddings.mean(0)).square().sum(2).mean(0)
+    return (steps / spread.clamp(min=1e-12)).sum()

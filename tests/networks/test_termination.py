@@ -144,20 +144,33 @@ def test_every_answer_that_lets_a_skill_go_on_learns() -> None:
 
 
 def test_haste_is_charged_for_and_its_gradient_draws_answers_together() -> None:
-    termination = Termination(HORIZON, EVERY, steps=4, weight=3)
-    frames = Packing(torch.tensor([8, 8]))  # 16 steps: four changes are free
-    embeddings = torch.tensor([0.0, 2, 0, 2, 0, 2, 0, 2])[:, None, None].requires_grad_()
-    hasty, calm = [0, 1, 0, 1, 0, 1, 0, 1], [0, 0, 1, 1, 0, 0, 1, 1]
+    termination = Termination(HORIZON, EVERY, steps=8, weight=3)
+    frames = Packing(torch.tensor([8, 8]))  # 16 steps: two changes are free
+    embeddings = torch.tensor([0.0, 0, 2, 0, 2, 2, 0, 2])[:, None, None].requires_grad_()
+    hasty, calm = [0, 0, 1, 0, 1, 1, 0, 1], [0, 0, 1, 1, 0, 0, 1, 1]
 
     lasting = termination(said(hasty, embeddings), frames)
     lasting.loss.backward()
 
-    assert lasting.loss.item() == pytest.approx(3 * (6 * 4 / 16 - 1))
-    assert (embeddings.grad[1::2] > 0).all()
-    assert (embeddings.grad[::2] < 0).all()
+    assert lasting.loss.item() == pytest.approx(3 * (4 * 8 / 16 - 1))
+    assert embeddings.grad[2] > 0 > embeddings.grad[6]  # those that stand alone
     assert termination(said(calm), frames).loss == 0
     assert Termination(HORIZON, EVERY, steps=4)(said(hasty), frames).loss == 0
     assert Termination(EVERY, EVERY, steps=4, weight=3)(said(hasty), frames).loss == 0  # asked when they end anyway
+
+
+@given(seed=st.integers(0, 99), scale=st.floats(0.01, 100))
+def test_no_part_shrinks_to_pay_less(seed: int, scale: float) -> None:
+    """Not even one that is far smaller than the others: it would change at every question, and gradients would grow."""
+    termination = Termination(HORIZON, EVERY, steps=8, weight=1)
+    values = torch.randn(8, 2, 3, generator=torch.Generator().manual_seed(seed)) * torch.tensor([[1], [scale]])
+    values.requires_grad_()
+
+    termination(said(list(range(8)), values), Packing(torch.tensor([8, 8]))).loss.backward()
+
+    outward = (values.grad * (values - values.mean(0))).sum((0, 2)).detach()
+    torch.testing.assert_close(outward, torch.zeros(2), atol=1e-5, rtol=0)
+    assert (values.grad.flatten(2).norm(dim=(0, 2)) > 0).all()
 
 
 def test_before_there_are_codes_skills_last_the_horizon_but_all_lengths_are_trained() -> None:
