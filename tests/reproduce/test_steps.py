@@ -138,7 +138,7 @@ def test_other_code_makes_results_stale(settings: Settings, monkeypatch: pytest.
     before = plan([settings.rows["tiny.gotolocal"]], settings)[0]
     finished(before)
     keep([before], settings)
-    monkeypatch.setattr(code_version, "_meaning", lambda path: f"{path.name} means something else")
+    monkeypatch.setattr(code_version, "_meaning", lambda path, _: f"{path.name} means something else")
 
     at = state(plan([settings.rows["tiny.gotolocal"]], settings)[0], settings, [])
 
