@@ -44,9 +44,11 @@ def _declare(commit: str, files: Sequence[str], said: Mapping[str, str]) -> None
 
 def _changes(commit: str, files: Sequence[str]) -> Iterator[dict[str, str]]:
     """Files of code that mean something else than at a commit; what is new has meant nothing."""
-    where = files or ("lerobot_lisa/*.py", "dataset_converters/*.py")
+    where = files or ("lerobot_lisa", "dataset_converters")
     for line in _git("diff", "--name-status", "--no-renames", "--diff-filter=AM", commit, "--", *where).splitlines():
         status, file = line.split("\t")
+        if not file.endswith(".py"):
+            continue
         was = "" if status == "A" else meaning(_git("show", f"{commit}:{file}").encode())
         if was != (now := meaning((_CHECKOUT / file).read_bytes())):
             yield {"file": file, "was": was, "is": now}

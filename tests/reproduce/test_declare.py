@@ -116,6 +116,8 @@ def test_nothing_to_declare(
     checkout: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (checkout / FILE).write_text("x = 1  # a comment\n")
+    (checkout / "lerobot_lisa" / "card.md").write_text("# no code\n")
+    git(checkout, "add", ".")
     assert declare.main(arguments) == 1
     assert f"error: {said}" in capsys.readouterr().err
     assert (checkout / "lerobot_lisa" / "same_results.json").read_text() == "[]\n"
