@@ -56,7 +56,7 @@ def fingerprint(modules: Iterable[str], options: Set[str] = frozenset()) -> dict
     for name, path in sorted(_closure(tuple(modules)).items()):
         package, inner, *_ = name.split(".")
         folder = inner if package == "lerobot_lisa" else package
-        if what := _meaning(path, frozenset(options)):
+        if what := _meaning(path, options):
             folders.setdefault(folder, []).append(f"{name} {what}")
     return {name: hashlib.sha256("\n".join(files).encode()).hexdigest()[:10] for name, files in folders.items()}
 
@@ -100,13 +100,18 @@ def _imports(tree: ast.AST) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)  # which may be modules
 
 
-@cache
-def _meaning(path: Path, options: frozenset[str] = frozenset()) -> str:
+def _meaning(path: Path, options: Set[str] = frozenset()) -> str:
     """Of a file; where it is declared to make the same results as before, that of before: nothing, if it is new."""
-    now = meaning(path.read_bytes())
+    now = _own_meaning(path)
     while (change := _same_results().get(now)) and change.get("unless") not in options:
         now = change["was"]
     return now
+
+
+@cache
+def _own_meaning(path: Path) -> str:
+    """Of a file, whatever is declared; apart from that, so that no set of options has it parsed again."""
+    return meaning(path.read_bytes())
 
 
 @cache

@@ -159,11 +159,12 @@ def _what_training_depends_on(
     module = (
         f"lerobot_lisa.policies.{kind}"  # somebody else's policy has none here: then LeRobot's version stands for it
     )
+    config = what_decides(whole)
     return {
-        "config": what_decides(whole),
+        "config": config,
         "data": demonstrations.depends,
         "start": start.depends if start else None,
-        "code": fingerprint([f"{module}.modeling_{kind}", f"{module}.processor_{kind}"], in_use(what_decides(whole))),
+        "code": fingerprint([f"{module}.modeling_{kind}", f"{module}.processor_{kind}"], in_use(config)),
         "versions": _versions("lerobot", "torch", "vector-quantize-pytorch", "transformers"),
     }
 

@@ -47,7 +47,7 @@ def means(checkout: Path) -> Callable[[str], str]:
 
 def forget() -> None:
     """What is cached of files: they change here."""
-    for name in ("_closure", "_source", "_imported", "_meaning", "_same_results"):
+    for name in ("_closure", "_source", "_imported", "_own_meaning", "_same_results"):
         getattr(code_version, name).cache_clear()
 
 
@@ -126,7 +126,7 @@ def test_nothing_to_declare(
 def test_a_change_that_changes_nothing_unless_an_option_is_set(checkout: Path) -> None:
     def fingerprint(*options: str) -> str:
         forget()
-        return code_version._meaning(checkout / FILE, frozenset(options))
+        return code_version._meaning(checkout / FILE, set(options))
 
     first = fingerprint()
     (checkout / FILE).write_text("x = 2 - 1\n")
